@@ -1,0 +1,70 @@
+"""Files and folders that are complete under their name or do not exist under it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from models.errors import DuofringeError
+
+
+def require_parent(path: Path) -> None:
+    """Raise DuofringeError unless the folder that is to hold ``path`` exists; it is never created."""
+    if not path.parent.is_dir():
+        raise DuofringeError(f"output folder '{path.parent}' does not exist; create it first")
+
+
+def _partial(path: Path) -> Path:
+    return path.with_name(f".{path.name}.partial-{uuid.uuid4().hex[:8]}")
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def atomic_file(path: Path) -> Iterator[Path]:
+    """Yield a temporary path with the same suffix beside ``path``; on success it takes the place of ``path``."""
+    require_parent(path)
+    if path.is_dir():
+        raise DuofringeError(f"output '{path}' is a folder; name a file")
+    partial = _partial(path).with_suffix(path.suffix)
+    try:
+        yield partial
+        _sync(partial)
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def atomic_folder(path: Path) -> Iterator[Path]:
+    """Yield a new folder beside ``path``; on success it is renamed to ``path``, which must not exist yet."""
+    require_parent(path)
+    if path.exists():
+        raise DuofringeError(f"output '{path}' exists already; name a new folder or remove it")
+    partial = _partial(path)
+    partial.mkdir()
+    try:
+        yield partial
+        for file in partial.rglob("*"):
+            _sync(file)
+        _sync(partial)
+        os.rename(partial, path)
+        _sync(path.parent)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def write_text_atomically(path: Path, text: str) -> None:
+    """Write UTF-8 text so that a reader sees the old file or the new one, never a part."""
+    with atomic_file(path) as partial:
+        partial.write_text(text, encoding="utf-8")
