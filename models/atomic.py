@@ -40,7 +40,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
     try:
         yield partial
         _sync(partial)
-        os.replace(partial, path)
+        partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
 
@@ -58,7 +58,7 @@ def atomic_folder(path: Path) -> Iterator[Path]:
         for file in partial.rglob("*"):
             _sync(file)
         _sync(partial)
-        os.rename(partial, path)
+        partial.rename(path)
         _sync(path.parent)
     finally:
         shutil.rmtree(partial, ignore_errors=True)

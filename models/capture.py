@@ -39,9 +39,9 @@ class DeviceRecord(BaseModel):
 class CaptureRecord(BaseModel):
     """``capture.json``: everything about a capture except its pixels. Unknown keys are kept."""
 
-    model_config = ConfigDict(extra="allow")
+    model_config = ConfigDict(extra="allow", populate_by_name=True)
 
-    schema_: Literal["capture/1"] = Field(SCHEMA, alias="schema")
+    schema_: Literal["capture/1"] = Field(default=SCHEMA, alias="schema")
     id: str = ""
     created: datetime = Field(default_factory=lambda: datetime.now(UTC))
     plan: str = "custom"
@@ -84,7 +84,7 @@ class Capture:
     plan: PatternPlan
     images: Mapping[Side, Mapping[str, Image]]
     rig: Rig | None = None
-    record: CaptureRecord = field(default_factory=CaptureRecord)
+    record: CaptureRecord = field(default_factory=lambda: CaptureRecord())
     truth: Truth | None = None
     source: str = "capture"
 
@@ -116,9 +116,8 @@ class Capture:
         """Raise CaptureError naming the pattern groups that ``purpose`` needs and the capture lacks."""
         missing = sorted(set(kinds) - self.plan.kinds)
         if missing:
-            raise CaptureError(
-                f"{self.source}: {purpose} needs the pattern group{'s' * (len(missing) > 1)} {', '.join(missing)}, which the capture lacks"
-            )
+            groups = ", ".join(missing)
+            raise CaptureError(f"{self.source}: {purpose} needs the pattern groups {groups}, which the capture lacks")
 
     def require_two_views(self, purpose: str) -> None:
         """Raise CaptureError when there is only a left view."""
@@ -251,11 +250,12 @@ def _read_image(path: Path) -> Image:
         raise CaptureError(f"{path}: not a whole PNG (truncated or damaged); restore it or capture again")
     if image.ndim != 2:
         raise CaptureError(
-            f"{path}: has {image.shape[2]} channels; captures hold single-channel PNGs (use 'duofringe import' with a channel)"
+            f"{path}: has {image.shape[2]} channels; captures hold single-channel PNGs; "
+            "'duofringe import' takes one channel of a colour set"
         )
     if image.dtype not in (np.uint8, np.uint16):
         raise CaptureError(f"{path}: has {image.dtype} pixels; captures hold 8- or 16-bit PNGs")
-    return np.asarray(image)
+    return image  # type: ignore[return-value]  # the pixel type was checked above
 
 
 def _png_is_whole(path: Path) -> bool:
@@ -278,9 +278,8 @@ def _check_sizes(folder: Path, images: Mapping[Side, Mapping[str, Image]]) -> No
         first_name, first = next(iter(shapes.items()))
         for name, shape in shapes.items():
             if shape != first:
-                raise CaptureError(
-                    f"{folder / side}: {name}.png is {shape[1]}x{shape[0]} but {first_name}.png is {first[1]}x{first[0]}; all images of a view have one size"
-                )
+                sizes = f"{name}.png is {shape[1]}x{shape[0]} but {first_name}.png is {first[1]}x{first[0]}"
+                raise CaptureError(f"{folder / side}: {sizes}; all images of a view have one size")
 
 
 def _with_depth_of(

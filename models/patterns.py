@@ -61,7 +61,8 @@ class Pattern(BaseModel):
     """One projected pattern with every parameter that its decoding needs.
 
     ``period`` is in mirrors: of the fringe, of the two fringes (composite: high, low), or the width that one Gray
-    code word covers. A fringe of step k shows 127.5 + 127.5 cos(2 pi u / period - phase_offset - shift_sign 2 pi k / steps).
+    code word covers. A fringe of step k shows
+    127.5 + 127.5 cos(2 pi u / period - phase_offset - shift_sign 2 pi k / steps).
     """
 
     model_config = ConfigDict(frozen=True)
@@ -151,7 +152,8 @@ class Pattern(BaseModel):
         assert self.bits is not None
         order = np.floor(along / self.periods[0]).astype(np.int64)
         code = order ^ (order >> 1)
-        return (((code >> (self.bits - 1 - self.bit)) & 1) == 1) != self.is_inverted
+        bit = (code >> (self.bits - 1 - self.bit)) & 1
+        return np.asarray((bit == 1) != self.is_inverted)
 
     def render(self, raster: Raster) -> npt.NDArray[np.uint8]:
         """The image to load into a projector, uint8 (rows, columns)."""

@@ -102,7 +102,7 @@ class Device:
         return np.asarray(-self.rotation.T @ self.translation, np.float64)
 
     def project(self, points: npt.ArrayLike) -> FloatArray:
-        """Pixels (..., 2) of left-frame points (..., 3) in mm; NaN for points at or behind the device, or NaN points."""
+        """Pixels (..., 2) of left-frame points (..., 3) in mm; NaN for points not in front of the device."""
         array = np.asarray(points, np.float64)
         local = array.reshape(-1, 3) @ self.rotation.T + self.translation
         seen = local[:, 2] > 1e-9
@@ -119,8 +119,8 @@ class Device:
         flat = np.ascontiguousarray(array.reshape(-1, 1, 2))
         if flat.size == 0:
             return np.zeros_like(array)
-        normalised = cv2.undistortPointsIter(
-            flat, self.matrix, self.distortion, np.eye(3), np.eye(3), _UNDISTORT_CRITERIA
+        normalised = cv2.undistortPoints(
+            flat, self.matrix, self.distortion, R=np.eye(3), P=np.eye(3), criteria=_UNDISTORT_CRITERIA
         )
         return np.asarray(normalised, np.float64).reshape(array.shape)
 

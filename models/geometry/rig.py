@@ -49,9 +49,12 @@ class Rig:
     def working_depths(self) -> tuple[float, float]:
         """The common working volume: depths (mm) at which every device sees 90 % of the left camera's field.
 
-        Where no depth reaches 90 %, the depths that reach nine tenths of the best. Raises CalibrationError when the
+        ``quality["working_range_mm"]``, where a calibration states it, goes before the estimate. Where no depth reaches 90 %, the depths that reach nine tenths of the best. Raises CalibrationError when the
         devices share no field at all.
         """
+        stated = self.quality.get("working_range_mm")
+        if isinstance(stated, list | tuple) and len(stated) == 2 and 0 < stated[0] < stated[1] < math.inf:
+            return float(stated[0]), float(stated[1])
         grid = self.left.pixel_grid()[::16, ::16].reshape(-1, 2)
         rays = self.left.rays(grid)
         others = [self.right] + ([self.projector] if self.projector else [])
