@@ -15,8 +15,8 @@ MAXIMUM_FILE_BYTES = 256 << 20
 MAXIMUM_MATCHES = 4096
 SKIP = "skip"
 _FIELD = re.compile(r"\{([^{}]*)\}")
-_NUMBER = re.compile(r"^n(?::0(?P<width>[1-9])d?)?$")
-_SLOT = re.compile(r"^(?P<group>high|low|gray_inv|gray)_(?P<index>\d{1,3})$")
+_NUMBER = re.compile(r"n(?::0(?P<width>[1-9])d?)?")
+_SLOT = re.compile(r"(?P<group>high|low|gray_inv|gray)_(?P<index>\d{1,3})")
 
 Template = str | tuple[str, ...]
 
@@ -66,7 +66,7 @@ def fill_template(template: str, word: str, number: int | None) -> str:
     def replace(match: re.Match[str]) -> str:
         if match[1] == "view":
             return word
-        form = _NUMBER.match(match[1])
+        form = _NUMBER.fullmatch(match[1])
         if form is None or number is None:
             raise ManifestError(f"file name '{template}': {{{match[1]}}} is not one of {{view}}, {{n}}, {{n:02}}")
         return str(number).zfill(int(form["width"] or 0))
@@ -101,7 +101,7 @@ def expand_order(order: Sequence[str], sizes: Mapping[str, int]) -> list[Slot]:
     """
     slots: list[Slot] = []
     for word in order:
-        match = _SLOT.match(word)
+        match = _SLOT.fullmatch(word)
         if word == SKIP:
             slots.append(Slot(SKIP, 0))
         elif match is not None and match["group"] in sizes:

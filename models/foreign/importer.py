@@ -114,7 +114,11 @@ def _sources(manifest: Manifest, folder: Path, side: Side, word: str) -> dict[st
     for group, count in manifest.group_sizes().items():
         for index, position in enumerate(_positions(manifest, group, count)):
             name = group if group in ("white", "black", "composite") else f"{group}_{index:02d}"
-            result[name] = files[group][position]
+            file = files[group][position]
+            twin = next((other for other, taken in result.items() if taken == file), None)
+            if twin is not None:
+                raise ManifestError(f"file '{file}' is both {twin} and {name}; mend first, steps or bits")
+            result[name] = file
     return result
 
 

@@ -284,7 +284,8 @@ def _one_line(error: BaseException) -> str:
 
 def _describe(error: ValidationError) -> str:
     errors = error.errors(include_url=False)
-    first = errors[0]
+    # A misspelt key also makes the right one missing: the misspelling is the better message.
+    first = min(errors, key=lambda e: e["type"] != "extra_forbidden")
     where = ".".join(str(part) for part in first["loc"])
     message = {"extra_forbidden": "unknown key", "missing": "is required"}.get(first["type"], first["msg"])
     message = message.removeprefix("Value error, ")
