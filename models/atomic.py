@@ -19,7 +19,8 @@ def require_parent(path: Path) -> None:
 
 
 def _partial(path: Path) -> Path:
-    return path.with_name(f".{path.name}.partial-{uuid.uuid4().hex[:8]}")
+    """A hidden name beside ``path`` that nobody else uses, with the same suffix."""
+    return path.with_name(f".{path.stem}.partial-{uuid.uuid4().hex[:8]}{path.suffix}")
 
 
 def _sync(path: Path) -> None:
@@ -36,7 +37,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
     require_parent(path)
     if path.is_dir():
         raise DuofringeError(f"output '{path}' is a folder; name a file")
-    partial = _partial(path).with_suffix(path.suffix)
+    partial = _partial(path)
     try:
         yield partial
         _sync(partial)

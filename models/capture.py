@@ -9,7 +9,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -17,12 +16,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from models.atomic import atomic_folder
 from models.errors import CaptureError, DuofringeError
 from models.geometry.rig import SIDES, Rig, Side
-from models.patterns import Pattern, PatternKind, PatternPlan, make_pattern
+from models.patterns import Pattern, PatternIndexError, PatternKind, PatternPlan, make_pattern
+from models.png import Image as Image
+from models.png import read_png, write_png
 
-Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 RECORD_NAME = "capture.json"
 SCHEMA: Literal["capture/1"] = "capture/1"
-PNG_COMPRESSION = 1
 
 
 class DeviceRecord(BaseModel):
@@ -53,7 +52,7 @@ class CaptureRecord(BaseModel):
     warnings: tuple[str, ...] = ()
     object_id: str | None = None
     bit_depth: int = Field(8, ge=1, le=16)
-    white_level: int | None = None
+    white_level: int | None = Field(None, ge=1, le=65535)
     calibration: dict[str, Any] | None = None
 
     def to_json(self) -> str:
@@ -98,9 +97,11 @@ class Capture:
 
     @property
     def image_size(self) -> tuple[int, int]:
-        """(width, height) of the images."""
-        height, width = next(iter(self.images["left"].values())).shape
-        return width, height
+        """(width, height) of the left images; raises CaptureError when none were loaded."""
+        first = next(iter(self.images["left"].values()), None)
+        if first is None:
+            raise CaptureError(f"{self.source}: no images were loaded")
+        return first.shape[1], first.shape[0]
 
     def stack(self, side: Side, kind: PatternKind) -> npt.NDArray[np.float32]:
         """Images of one kind in plan order, float32 (n, height, width), scaled so that the white level is 1.
@@ -138,20 +139,19 @@ def read_capture(
         raise CaptureError(f"capture '{folder}' is not a folder")
     record = _read_record(folder)
     plan = _plan_of(folder, record)
-    sides = SIDES if (folder / "right").is_dir() else SIDES[:1]
+    sides = SIDES if (folder / "right").is_dir() or _tells_of_right(record) else SIDES[:1]
     _check_complete(folder, plan, sides)
     wanted = plan.patterns if kinds is None else tuple(p for p in plan.patterns if p.kind in kinds)
     images: dict[Side, dict[str, Image]] = {
-        s: {p.name: _read_image(folder / s / f"{p.name}.png") for p in wanted} for s in sides
+        s: {p.name: read_png(folder / s / f"{p.name}.png") for p in wanted} for s in sides
     }
-    images = dict(images.items())
-    record = _with_depth_of(record, images, folder)
     _check_sizes(folder, images)
+    record = _with_depth_of(record, images, folder)
     try:
         rig = None if record.calibration is None else Rig.from_dict(record.calibration)
     except DuofringeError as error:
         raise CaptureError(f"{folder / RECORD_NAME}: {error}") from error
-    truth = _read_truth(folder) if with_truth else None
+    truth = _read_truth(folder, images) if with_truth else None
     loaded = plan.restricted_to(p.name for p in wanted)
     return Capture(loaded, images, rig, record, truth, source=str(folder))
 
@@ -169,7 +169,7 @@ def write_capture(capture: Capture, folder: Path | str) -> None:
         for side, images in capture.images.items():
             (partial / side).mkdir()
             for pattern in capture.plan.patterns:
-                _write_image(partial / side / f"{pattern.name}.png", images[pattern.name])
+                write_png(partial / side / f"{pattern.name}.png", images[pattern.name])
         if capture.truth is not None:
             _write_truth(capture.truth, partial / "truth")
         (partial / RECORD_NAME).write_text(record.to_json(), encoding="utf-8")
@@ -182,21 +182,37 @@ def _read_record(folder: Path) -> CaptureRecord | None:
     try:
         return CaptureRecord.model_validate(json.loads(path.read_text(encoding="utf-8")))
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "content"
-        raise CaptureError(f"{path}: {where}: {first['msg']}") from error
-    except (OSError, ValueError) as error:
+        raise CaptureError(f"{path}: {_first_fault(error)}") from error
+    except (OSError, ValueError, RecursionError) as error:
         raise CaptureError(f"{path}: not readable as JSON ({error})") from error
+
+
+def _first_fault(error: ValidationError) -> str:
+    """Where and what of the first thing that pydantic found, in one line."""
+    first = error.errors()[0]
+    where = ".".join(str(part) for part in first["loc"]) or "content"
+    return f"{where}: {first['msg']}"
+
+
+def _tells_of_right(record: CaptureRecord | None) -> bool:
+    """Whether a second view was recorded, so that a lost right/ is damage and not a one-camera capture."""
+    return record is not None and ("right" in record.frame_ids or any(d.role == "right" for d in record.devices))
 
 
 def _plan_of(folder: Path, record: CaptureRecord | None) -> PatternPlan:
     """The recorded plan, or default parameters for whatever known names stand in the folder."""
     if record is not None and record.patterns:
-        return PatternPlan(name=record.plan, patterns=record.patterns)
-    patterns = []
-    for path in sorted((folder / "left").glob("*.png")):
         try:
-            patterns.append(make_pattern(path.stem))
+            return PatternPlan(name=record.plan, patterns=record.patterns)
+        except ValidationError as error:
+            raise CaptureError(f"{folder / RECORD_NAME}: patterns: {_first_fault(error)}") from error
+    names = {path.stem for side in SIDES for path in (folder / side).glob("*.png")}
+    patterns = []
+    for name in sorted(names):
+        try:
+            patterns.append(make_pattern(name))
+        except PatternIndexError as error:
+            raise CaptureError(f"{folder}: {error}") from error
         except DuofringeError:
             continue
     if not patterns:
@@ -242,34 +258,6 @@ def _check_complete(folder: Path, plan: PatternPlan, sides: tuple[Side, ...]) ->
         raise CaptureError(f"{folder}: damaged capture: lacks {shown}; restore the files or capture again")
 
 
-def _read_image(path: Path) -> Image:
-    image = (
-        cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED) if path.stat().st_size else None
-    )
-    if image is None or not _png_is_whole(path):
-        raise CaptureError(f"{path}: not a whole PNG (truncated or damaged); restore it or capture again")
-    if image.ndim != 2:
-        raise CaptureError(
-            f"{path}: has {image.shape[2]} channels; captures hold single-channel PNGs; "
-            "'duofringe import' takes one channel of a colour set"
-        )
-    if image.dtype not in (np.uint8, np.uint16):
-        raise CaptureError(f"{path}: has {image.dtype} pixels; captures hold 8- or 16-bit PNGs")
-    return image  # type: ignore[return-value]  # the pixel type was checked above
-
-
-def _png_is_whole(path: Path) -> bool:
-    """OpenCV fills what a truncated PNG lacks with grey and says nothing; the closing chunk tells."""
-    with path.open("rb") as file:
-        file.seek(-min(64, path.stat().st_size), 2)
-        return b"IEND" in file.read()
-
-
-def _write_image(path: Path, image: Image) -> None:
-    if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, PNG_COMPRESSION]):
-        raise CaptureError(f"{path}: could not be written")
-
-
 def _check_sizes(folder: Path, images: Mapping[Side, Mapping[str, Image]]) -> None:
     for side, by_name in images.items():
         shapes = {name: image.shape for name, image in by_name.items()}
@@ -285,39 +273,57 @@ def _check_sizes(folder: Path, images: Mapping[Side, Mapping[str, Image]]) -> No
 def _with_depth_of(
     record: CaptureRecord | None, images: Mapping[Side, Mapping[str, Image]], folder: Path
 ) -> CaptureRecord:
+    """The record with the images' own depth where it states none; raises CaptureError where both disagree."""
     depths = {16 if image.dtype == np.uint16 else 8 for by_name in images.values() for image in by_name.values()}
     if len(depths) > 1:
         raise CaptureError(f"{folder}: mixes 8-bit and 16-bit images; a capture has one bit depth")
-    if record is not None:
-        if depths and record.bit_depth > max(depths):
-            raise CaptureError(
-                f"{folder / RECORD_NAME}: bit_depth is {record.bit_depth} but the images have {max(depths)} bits"
-            )
-        return record
-    return CaptureRecord(id=folder.name, bit_depth=max(depths, default=8))
+    depth = max(depths, default=8)
+    if record is None:
+        return CaptureRecord(id=folder.name, bit_depth=depth)
+    if "bit_depth" not in record.model_fields_set:
+        return record.model_copy(update={"bit_depth": depth})
+    if depths and record.bit_depth > depth:
+        raise CaptureError(f"{folder / RECORD_NAME}: bit_depth is {record.bit_depth} but the images have {depth} bits")
+    for side, by_name in images.items():
+        for name, image in by_name.items():
+            if image.max() >= 2**record.bit_depth:
+                raise CaptureError(
+                    f"{folder / side / name}.png: reaches {image.max()} but bit_depth is {record.bit_depth} "
+                    f"in {RECORD_NAME}; state the depth of the pixel values there"
+                )
+    return record
 
 
-def _read_truth(folder: Path) -> Truth | None:
+def _read_truth(folder: Path, images: Mapping[Side, Mapping[str, Image]]) -> Truth | None:
     directory = folder / "truth"
     if not directory.is_dir():
         return None
+    depth = _read_array(directory / "depth.npy").astype(np.float32)
+    column = _read_array(directory / "projector_column.npy").astype(np.float32)
+    foreground = read_png(directory / "foreground.png") > 0
+    names = sorted(p.stem for p in directory.glob("*.npy") if p.stem not in ("depth", "projector_column"))
+    extra = {name: _read_array(directory / f"{name}.npy") for name in names}
+    shapes = {depth.shape, column.shape, foreground.shape, *(image.shape for image in images["left"].values())}
+    if len(shapes) > 1:
+        raise CaptureError(f"{directory}: depth, projector_column, foreground and the left images differ in size")
+    return Truth(depth, column, foreground, extra)
+
+
+def _read_array(path: Path) -> npt.NDArray[Any]:
+    """A ``.npy`` of numbers; raises CaptureError naming the file."""
     try:
-        depth = np.load(directory / "depth.npy", allow_pickle=False)
-        column = np.load(directory / "projector_column.npy", allow_pickle=False)
-        foreground = _read_image(directory / "foreground.png") > 0
-        names = {p.stem: p for p in sorted(directory.glob("*.npy")) if p.stem not in ("depth", "projector_column")}
-        extra = {name: np.load(path, allow_pickle=False) for name, path in names.items()}
-    except (OSError, ValueError) as error:
-        raise CaptureError(f"{directory}: truth is not readable ({error})") from error
-    if not depth.shape == column.shape == foreground.shape:
-        raise CaptureError(f"{directory}: depth, projector_column and foreground differ in size")
-    return Truth(depth.astype(np.float32), column.astype(np.float32), foreground, extra)
+        array = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise CaptureError(f"{path}: truth is not readable ({error})") from error
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in "biuf":
+        raise CaptureError(f"{path}: truth is not an array of numbers")
+    return array
 
 
 def _write_truth(truth: Truth, directory: Path) -> None:
     directory.mkdir()
     np.save(directory / "depth.npy", truth.depth.astype(np.float32))
     np.save(directory / "projector_column.npy", truth.projector_column.astype(np.float32))
-    _write_image(directory / "foreground.png", truth.foreground.astype(np.uint8) * np.uint8(255))
+    write_png(directory / "foreground.png", truth.foreground.astype(np.uint8) * np.uint8(255))
     for name, array in truth.extra.items():
         np.save(directory / f"{name}.npy", array)

@@ -30,8 +30,16 @@ COMPOSITE_AMPLITUDE = 63.75
 """Amplitude of each cosine of the composite (paper, eq:composite); the sum stays within 0..255."""
 MINIMUM_8BIT_EXPOSURE_US = 8333
 """Shortest exposure of an 8-bit pattern on the LightCrafter 4500, microseconds."""
+MAXIMUM_STEPS = 1024
+"""More phase steps than any projector plays; a larger number in a file is damage."""
 
-_NAME = re.compile(r"^(?P<kind>(?:row_)?(?:high|low|gray_inv|gray)|composite|white|black)(?:_(?P<index>\d{2,}))?$")
+_NAME = re.compile(
+    r"^(?P<kind>(?:row_)?(?:high|low|gray_inv|gray)|composite|white|black)(?:_(?P<index>\d\d|[1-9]\d{2,}))?$"
+)
+
+
+class PatternIndexError(DuofringeError):
+    """A pattern name counts further than its group goes."""
 
 
 @dataclass(frozen=True)
@@ -71,10 +79,10 @@ class Pattern(BaseModel):
     kind: PatternKind
     period: float | tuple[float, float] | None = None
     step: int | None = None
-    steps: int | None = None
+    steps: int | None = Field(None, le=MAXIMUM_STEPS)
     bit: int | None = None
     bits: int | None = None
-    exposure_us: float | None = None
+    exposure_us: float | None = Field(None, gt=0, allow_inf_nan=False)
     shift_sign: Literal[1, -1] = 1
     phase_offset: float | tuple[float, float] = 0.0
 
@@ -89,6 +97,8 @@ class Pattern(BaseModel):
             raise ValueError(f"pattern {self.name}: needs one period in projector columns")
         if any(not (math.isfinite(p) and p > 0) for p in self.periods):
             raise ValueError(f"pattern {self.name}: periods must be positive, got {self.period}")
+        if len(self.phase_offsets) != len(self.periods) or not all(map(math.isfinite, self.phase_offsets)):
+            raise ValueError(f"pattern {self.name}: needs one finite phase_offset a period, got {self.phase_offset}")
         if self.is_fringe and not (
             self.steps and self.steps >= 3 and self.step is not None and 0 <= self.step < self.steps
         ):
@@ -173,6 +183,13 @@ class PatternPlan(BaseModel):
         names = [p.name for p in self.patterns]
         if len(set(names)) != len(names):
             raise ValueError(f"plan {self.name}: a pattern name stands twice")
+        for kind in sorted(self.kinds):
+            members = self.of_kind(kind)
+            if len({(p.period, p.steps, p.bits) for p in members}) > 1:
+                raise ValueError(f"plan {self.name}: patterns of kind '{kind}' differ in period, steps or bits")
+            indices = [p.bit if p.is_gray else p.step for p in members if p.is_gray or p.is_fringe]
+            if len(set(indices)) != len(indices):
+                raise ValueError(f"plan {self.name}: kind '{kind}' has one step or bit twice")
         return self
 
     def __len__(self) -> int:
@@ -225,7 +242,8 @@ class FringeParameters:
 def make_pattern(name: str, parameters: FringeParameters | None = None) -> Pattern:
     """The pattern that a file name stands for (``high_03``, ``gray_inv_00``, ``white`` ...).
 
-    Raises DuofringeError for a name outside the naming of capture folders.
+    Raises DuofringeError for a name outside the naming of capture folders, and PatternIndexError for a step or bit
+    beyond those of ``parameters``.
     """
     parameters = parameters or FringeParameters()
     match = _NAME.match(name)
@@ -241,19 +259,24 @@ def make_pattern(name: str, parameters: FringeParameters | None = None) -> Patte
         return Pattern(name=name, kind=kind, period=parameters.periods, exposure_us=parameters.exposure_us)
     row_coded = kind.startswith("row_")
     periods = parameters.row_periods if row_coded else parameters.periods
-    index = int(match["index"])
-    if "gray" in kind:
-        bits = parameters.gray_bits(row_coded)
-        return Pattern(
-            name=name, kind=kind, period=periods[0], bit=index, bits=bits, exposure_us=parameters.exposure_us
-        )
     carrier = 0 if kind.endswith("high") else 1
+    index = int(match["index"])
+    count = parameters.gray_bits(row_coded) if "gray" in kind else parameters.steps[carrier]
+    if index >= count:
+        raise PatternIndexError(
+            f"pattern name '{name}' is beyond the {count} of its group ({kind}_00 .. {kind}_{count - 1:02d}); "
+            "patterns with other parameters need a capture.json that states them"
+        )
+    if "gray" in kind:
+        return Pattern(
+            name=name, kind=kind, period=periods[0], bit=index, bits=count, exposure_us=parameters.exposure_us
+        )
     return Pattern(
         name=name,
         kind=kind,
         period=periods[carrier],
         step=index,
-        steps=parameters.steps[carrier],
+        steps=count,
         exposure_us=parameters.exposure_us,
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -14,6 +15,9 @@ from models.errors import CalibrationError
 FloatArray = npt.NDArray[np.float64]
 DISTORTION_TERMS = (4, 5, 8, 12, 14)
 """Lengths of OpenCV's distortion vector (k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 taux tauy)."""
+MAXIMUM_SIDE = 1 << 16
+"""Pixels along one side of the largest sensor or raster that is believed."""
+_FOLD_RADII = np.linspace(0.0, 8.0, 8001)
 _UNDISTORT_CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-12)
 
 
@@ -50,16 +54,17 @@ class Device:
             raise CalibrationError(
                 f"{self.name}: distortion has {self.distortion.size} terms; OpenCV knows {DISTORTION_TERMS}"
             )
-        if len(self.size) != 2 or min(self.size) < 1:
-            raise CalibrationError(f"{self.name}: size must be [width, height], got {list(self.size)}")
+        if len(self.size) != 2 or not all(1 <= n <= MAXIMUM_SIDE for n in self.size):
+            raise CalibrationError(f"{self.name}: size must be [width, height] in pixels, got {list(self.size)}")
         if (
             self.fx <= 0
             or self.fy <= 0
             or abs(self.matrix[2, 2] - 1) > 1e-9
-            or np.abs(self.matrix[[1, 2, 2], [0, 0, 1]]).max() > 1e-9
+            or np.abs(self.matrix[[0, 1, 2, 2], [1, 0, 0, 1]]).max() > 1e-9
         ):
             raise CalibrationError(
-                f"{self.name}: camera matrix is singular or not [[fx, s, cx], [0, fy, cy], [0, 0, 1]] with fx, fy > 0"
+                f"{self.name}: matrix is singular or not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with fx, fy > 0; "
+                "OpenCV's model has no skew"
             )
         if np.abs(self.rotation @ self.rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(self.rotation) < 0:
             raise CalibrationError(
@@ -68,9 +73,12 @@ class Device:
 
     def _set_array(self, key: str, shape: tuple[int, ...] | None) -> None:
         try:
-            array = np.array(getattr(self, key), np.float64)
+            given = np.asarray(getattr(self, key))
         except (TypeError, ValueError) as error:
             raise CalibrationError(f"{self.name}: {key} is not an array of numbers") from error
+        if given.dtype.kind not in "iuf":
+            raise CalibrationError(f"{self.name}: {key} is not an array of numbers")
+        array = np.array(given, np.float64)
         if shape is None or array.size == int(np.prod(shape)):
             array = array.reshape(shape or -1)
         else:
@@ -101,11 +109,27 @@ class Device:
         """Centre of projection in left-camera coordinates, (3,) mm."""
         return np.asarray(-self.rotation.T @ self.translation, np.float64)
 
+    @cached_property
+    def fold_radius(self) -> float:
+        """Largest x/z at which radial distortion still grows; infinite for a lens model that never folds back."""
+        k1, k2, _, _, k3, k4, k5, k6 = np.pad(self.distortion, (0, 8))[:8]
+        r2 = _FOLD_RADII**2
+        with np.errstate(all="ignore"):
+            distorted = _FOLD_RADII * (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+            folds = np.flatnonzero(~(np.diff(distorted) > 0))
+        return float(_FOLD_RADII[folds[0]]) if folds.size else float("inf")
+
     def project(self, points: npt.ArrayLike) -> FloatArray:
-        """Pixels (..., 2) of left-frame points (..., 3) in mm; NaN for points not in front of the device."""
+        """Pixels (..., 2) of left-frame points (..., 3) in mm.
+
+        NaN for points not in front of the device, and for those so far off its axis that the lens model folds back
+        and would show them on the sensor again.
+        """
         array = np.asarray(points, np.float64)
         local = array.reshape(-1, 3) @ self.rotation.T + self.translation
-        seen = local[:, 2] > 1e-9
+        with np.errstate(over="ignore", invalid="ignore"):
+            off_axis = np.hypot(local[:, 0], local[:, 1])
+            seen = (local[:, 2] > 1e-9) & (off_axis <= self.fold_radius * local[:, 2])
         pixels = np.full((len(local), 2), np.nan)
         if seen.any():
             origin: Any = np.zeros(3)

@@ -43,9 +43,11 @@ def read_opencv_cameras(
     if missing:
         wanted = ", ".join(f"{role} ({'/'.join(_candidates(role, names or {}))})" for role in missing)
         raise CalibrationError(f"{', '.join(str(p) for p in paths)}: lacks {wanted}")
-    if "size" in found and found["size"].size == 2:
-        width, height = (int(n) for n in found["size"].ravel())
-        size = (width, height)
+    if "size" in found:
+        stored = found["size"].ravel()
+        if stored.size != 2 or not all(float(n).is_integer() for n in stored):
+            raise CalibrationError(f"{paths[0]}: the image size must be two whole numbers, got {stored.tolist()}")
+        size = (int(stored[0]), int(stored[1]))
     if size is None:
         raise CalibrationError(
             f"{paths[0]}: lacks the image size (imageSize); give it in the manifest or store it there"
@@ -53,7 +55,7 @@ def read_opencv_cameras(
     left = Device(size, found["left_matrix"], found["left_distortion"], name="left")
     rotation = found["rotation"]
     if rotation.size == 3:
-        rotation = cv2.Rodrigues(rotation.astype(np.float64))[0]
+        rotation = cv2.Rodrigues(rotation.ravel())[0]
     right = Device(
         size,
         found["right_matrix"],
@@ -74,7 +76,7 @@ def _read_fields(path: Path, names: Mapping[str, str]) -> dict[str, np.ndarray]:
         raise CalibrationError(f"calibration file '{path}' does not exist")
     try:
         storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-    except cv2.error as error:
+    except (cv2.error, SystemError) as error:  # the constructor wraps the parser's error in a SystemError
         raise CalibrationError(f"{path}: not an OpenCV FileStorage file") from error
     if not storage.isOpened():
         raise CalibrationError(f"{path}: not an OpenCV FileStorage file")
@@ -82,7 +84,10 @@ def _read_fields(path: Path, names: Mapping[str, str]) -> dict[str, np.ndarray]:
         fields = {}
         for role in FIELDS:
             for name in _candidates(role, names):
-                value = _read_node(storage.getNode(name))
+                try:
+                    value = _read_node(storage.getNode(name))
+                except cv2.error as error:
+                    raise CalibrationError(f"{path}: field '{name}' is not a matrix of numbers") from error
                 if value is not None:
                     fields[role] = value
                     break
@@ -93,7 +98,10 @@ def _read_fields(path: Path, names: Mapping[str, str]) -> dict[str, np.ndarray]:
 
 def _read_node(node: cv2.FileNode) -> np.ndarray | None:
     if node.isSeq():
-        return np.array([node.at(i).real() for i in range(node.size())])
+        items = [node.at(i) for i in range(node.size())]
+        if not all(item.isInt() or item.isReal() for item in items):
+            raise cv2.error("a sequence holds something else than numbers")
+        return np.array([item.real() for item in items])
     if node.isMap():
         matrix = node.mat()
         return None if matrix is None else np.asarray(matrix, np.float64)

@@ -39,7 +39,14 @@ class Rig:
 
     def __post_init__(self) -> None:
         if float(np.linalg.norm(self.right.centre - self.left.centre)) < 1e-6:
-            raise CalibrationError("right camera: translation is zero; the cameras need a baseline (units are mm)")
+            raise CalibrationError("right: translation is zero; the cameras need a baseline (units are mm)")
+        if (self.projector is None) != (self.raster is None):
+            raise CalibrationError("projector: a projector and its raster come together")
+        if self.projector and self.raster and self.projector.size != (self.raster.columns, self.raster.rows):
+            raise CalibrationError(
+                f"projector: size is {list(self.projector.size)} but its raster has "
+                f"{self.raster.columns} columns and {self.raster.rows} rows"
+            )
 
     @property
     def cameras(self) -> dict[Side, Device]:
@@ -49,12 +56,15 @@ class Rig:
     def working_depths(self) -> tuple[float, float]:
         """The common working volume: depths (mm) at which every device sees 90 % of the left camera's field.
 
-        ``quality["working_range_mm"]``, where a calibration states it, goes before the estimate. Where no depth reaches 90 %, the depths that reach nine tenths of the best. Raises CalibrationError when the
-        devices share no field at all.
+        ``quality["working_range_mm"]``, where a calibration states it, goes before the estimate. Where no depth
+        reaches 90 %, the depths that reach nine tenths of the best. Raises CalibrationError when the devices share no
+        field at all.
         """
         stated = self.quality.get("working_range_mm")
-        if isinstance(stated, list | tuple) and len(stated) == 2 and 0 < stated[0] < stated[1] < math.inf:
-            return float(stated[0]), float(stated[1])
+        if isinstance(stated, list | tuple) and len(stated) == 2 and all(isinstance(z, int | float) for z in stated):
+            near, far = (float(z) for z in stated)
+            if 0 < near < far < math.inf:
+                return near, far
         grid = self.left.pixel_grid()[::16, ::16].reshape(-1, 2)
         rays = self.left.rays(grid)
         others = [self.right] + ([self.projector] if self.projector else [])
@@ -99,10 +109,11 @@ class Rig:
                 raise CalibrationError(f"projector: raster is {kind!r}, expected 'square' or 'diamond'")
             raster_kind: RasterKind = kind
             raster = Raster(projector.width, projector.height, raster_kind)
+        quality = data.get("quality") or {}
+        if not isinstance(quality, dict):
+            raise CalibrationError("quality is not a JSON object")
         left = _device_from_dict(data, "left", posed=False)
-        return cls(
-            left, _device_from_dict(data, "right", posed=True), projector, raster, dict(data.get("quality") or {})
-        )
+        return cls(left, _device_from_dict(data, "right", posed=True), projector, raster, quality)
 
     @classmethod
     def from_file(cls, path: Path | str, *, size: tuple[int, int] | None = None) -> Rig:
@@ -118,8 +129,9 @@ class Rig:
                 return cls(*read_opencv_cameras([path], size=size), quality={"source": path.name})
             return cls.from_dict(json.loads(path.read_text(encoding="utf-8")))
         except CalibrationError as error:
-            raise CalibrationError(f"{path}: {error}") from error
-        except (ValueError, OSError) as error:
+            text = str(error)
+            raise CalibrationError(text if text.startswith(str(path)) else f"{path}: {text}") from error
+        except (ValueError, OSError, RecursionError) as error:
             raise CalibrationError(f"{path}: not readable as a calibration ({error})") from error
 
     def to_file(self, path: Path | str) -> None:
@@ -148,8 +160,10 @@ def _device_from_dict(data: dict[str, Any], name: str, *, posed: bool) -> Device
         raise CalibrationError(f"{name}: lacks {', '.join(missing)}")
     size = entry["size"]
     if not (
-        isinstance(size, list) and len(size) == 2 and all(isinstance(n, int | float) and math.isfinite(n) for n in size)
+        isinstance(size, list | tuple)
+        and len(size) == 2
+        and all(isinstance(n, int) or (isinstance(n, float) and n.is_integer()) for n in size)
     ):
-        raise CalibrationError(f"{name}: size must be [width, height], got {size!r}")
+        raise CalibrationError(f"{name}: size must be [width, height] in whole pixels, got {size!r}")
     pose = {key: entry[key] for key in keys[3:]}
     return Device((int(size[0]), int(size[1])), entry["matrix"], entry["distortion"], name=name, **pose)
