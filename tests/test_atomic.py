@@ -16,7 +16,10 @@ class InterruptionError(Exception):
 
 
 def fill_and_fail(partial):
-    partial.write_text("new") if partial.suffix else (partial / "left").mkdir()
+    if partial.is_dir():
+        (partial / "left").mkdir()
+    else:
+        partial.write_text("new")
     raise InterruptionError
 
 
