@@ -1,0 +1,156 @@
+"""From a capture to a point map: phase extraction, matching, triangulation, rejection."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from models.capture import Capture
+from models.errors import CalibrationError, CaptureError, ReconstructionError
+from models.geometry.rig import SIDES, Rig, Side
+from models.patterns import PatternKind
+from models.phase.fringe import FringePhase, PhaseExtractor
+from models.phase.nstep import NStep
+from models.phase.wft import WindowedFourierTransform
+from models.points import PointMap, Reason
+from models.stereo.matcher import MATCHINGS, Matching, PhaseMatcher
+from models.stereo.point_map import RejectionSettings, build_point_map
+
+Method = Literal["nstep", "wft"]
+METHODS: tuple[Method, ...] = ("nstep", "wft")
+Progress = Callable[[str, float], None]
+_KINDS: dict[Method, frozenset[PatternKind]] = {
+    "nstep": frozenset({"white", "black", "high", "low", "gray", "gray_inv"}),
+    "wft": frozenset({"composite"}),
+}
+_FEWEST_POINTS = 200
+
+
+@dataclass(frozen=True)
+class ReconstructionOptions:
+    """What to compute. matching: None means trinocular where the rig has a projector, else stereo.
+
+    depth_range: (min, max) mm; None means the rig's common working volume. device: torch device of the phase stage.
+    """
+
+    method: Method = "wft"
+    matching: Matching | None = None
+    depth_range: tuple[float, float] | None = None
+    device: str = "cpu"
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """A point map with what it was made from; timings_s: seconds per stage."""
+
+    points: PointMap
+    phases: Mapping[Side, FringePhase]
+    rig: Rig
+    options: ReconstructionOptions
+    depth_range: tuple[float, float]
+    matching: Matching
+    timings_s: dict[str, float] = field(default_factory=dict)
+
+
+def kinds_needed(method: Method) -> frozenset[PatternKind]:
+    """Pattern groups that a method reads where a capture has them; pass to ``read_capture``."""
+    return _KINDS[method]
+
+
+def reconstruct(
+    capture: Capture, options: ReconstructionOptions, *, rig: Rig | None = None, progress: Progress | None = None
+) -> Reconstruction:
+    """Reconstruct a two-view capture.
+
+    rig: calibration to use in place of the capture's own copy. progress: called with (stage, share done).
+    Raises CalibrationError without a usable calibration, CaptureError for a capture that lacks what the method needs, and
+    ReconstructionError, with the likely cause, instead of returning an empty or nearly empty cloud.
+    """
+    rig = rig or capture.rig
+    if rig is None:
+        raise CalibrationError(f"{capture.source}: has no calibration; pass --calibration FILE")
+    matching = _matching(options, rig)
+    _check_views(capture, rig, options.method)
+    depth_range = options.depth_range or rig.working_depths
+    if not 0 < depth_range[0] < depth_range[1]:
+        raise ReconstructionError(f"depth range {depth_range[0]:g}..{depth_range[1]:g} mm: MIN must be positive and below MAX")
+    timings: dict[str, float] = {}
+    report = progress or (lambda stage, share: None)
+    clock = time.perf_counter
+    start = clock()
+    report("phase", 0.0)
+    phases = _extractor(options, rig, depth_range).extract(capture)
+    timings["phase"] = clock() - start
+    report("matching", 0.3)
+    start = clock()
+    matches = PhaseMatcher(matching).match(phases, rig, depth_range)
+    timings["matching"] = clock() - start
+    report("points", 0.7)
+    start = clock()
+    absolute = all(phases[side].column is not None for side in SIDES)
+    settings = _rejection(capture, options.method, absolute=absolute)
+    points = build_point_map(phases, matches, rig, depth_range, settings, use_projector=matching == "trinocular")
+    timings["points"] = clock() - start
+    if len(points) < _FEWEST_POINTS:
+        raise ReconstructionError(f"{capture.source}: {_cause_of_emptiness(points, depth_range)}")
+    report("done", 1.0)
+    return Reconstruction(points, phases, rig, options, depth_range, matching, timings)
+
+
+def _matching(options: ReconstructionOptions, rig: Rig) -> Matching:
+    if options.matching is None:
+        return "trinocular" if rig.projector is not None else "stereo"
+    if options.matching not in MATCHINGS:
+        raise ReconstructionError(f"matching '{options.matching}' is unknown; choose {' or '.join(MATCHINGS)}")
+    if options.matching == "trinocular" and rig.projector is None:
+        raise CalibrationError("matching trinocular needs a calibrated projector; the calibration has none, use stereo")
+    return options.matching
+
+
+def _check_views(capture: Capture, rig: Rig, method: Method) -> None:
+    capture.require_two_views(f"method {method}")
+    for side in capture.sides:
+        images = capture.images[side]
+        if not images:
+            continue
+        height, width = next(iter(images.values())).shape
+        expected = rig.cameras[side].size
+        if (width, height) != expected:
+            raise CaptureError(
+                f"{capture.source}: {side} images are {width}x{height} but the calibration is for {expected[0]}x{expected[1]}"
+            )
+
+
+def _extractor(options: ReconstructionOptions, rig: Rig, depth_range: tuple[float, float]) -> PhaseExtractor:
+    if options.method == "nstep":
+        return NStep(device=options.device)
+    if options.method == "wft":
+        return WindowedFourierTransform(rig, depth_range, device=options.device)
+    raise ReconstructionError(f"method '{options.method}' is unknown; choose {', '.join(METHODS)}")
+
+
+def _rejection(capture: Capture, method: Method, *, absolute: bool) -> RejectionSettings:
+    if method == "wft":
+        return RejectionSettings()
+    weights = (float(len(capture.plan.of_kind("high"))), float(len(capture.plan.of_kind("low"))))
+    return RejectionSettings(
+        low=0.4, projector=0.6, smallest_surface=40 if absolute else 400, carrier_weights=weights
+    )
+
+
+def _cause_of_emptiness(points: PointMap, depth_range: tuple[float, float]) -> str:
+    counts = {reason: int((points.mask == reason).sum()) for reason in Reason if reason is not Reason.VALID}
+    worst = max(counts, key=lambda reason: counts[reason])
+    share = counts[worst] / points.mask.size
+    causes = {
+        Reason.UNLIT: "the projector's light does not reach the scene; check lamp, trigger and exposure",
+        Reason.LOW_MODULATION: "the fringes are too weak; raise the exposure, focus the projector, or check the pattern",
+        Reason.SATURATED: "the images are saturated; lower the exposure or gain",
+        Reason.NO_MATCH: "the views do not match; check the calibration, swapped views and the depth range",
+        Reason.AMBIGUOUS: "the matches contradict each other; check the calibration and the pattern's periods",
+        Reason.OUT_OF_RANGE: f"the matches lie outside {depth_range[0]:g}..{depth_range[1]:g} mm; check --depth-range",
+        Reason.ISOLATED: "only scattered points matched; check the calibration and the depth range",
+    }
+    return f"only {len(points)} points; {share:.0%} of the pixels are {worst.name.lower().replace('_', ' ')}: {causes[worst]}"

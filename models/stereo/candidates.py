@@ -1,0 +1,135 @@
+"""Sub-pixel match candidates: the points on the right row where the high phases are equal.
+
+Half a pixel of camera is 0.35 rad of high phase, more than what tells a match from its alias, so candidates are
+the interpolated zero crossings of the phase difference, and the low phase is compared there (paper,
+Phase-based Candidate Reduction, made sub-pixel).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from models.geometry.projection import project_point
+
+Float32Array = npt.NDArray[np.float32]
+Float64Array = npt.NDArray[np.float64]
+_TWO_PI = 2 * math.pi
+_STEEPEST = 2.4
+"""rad/px of high phase; steeper steps between right pixels are edges, not fringes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """Candidates of every left canvas pixel, ordered by right column.
+
+    x_right: float32 (h, w, K). cost: float32 (h, w, K), 0 is perfect agreement. count: uint8 (h, w).
+    """
+
+    x_right: Float32Array
+    cost: Float32Array
+    count: npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class CandidateSettings:
+    """Scales of the matching cost.
+
+    low_scale: rad of low-phase difference between the views that costs 1 (the paper's tau_l).
+    high_scale, projector_low_scale: rad between a view's phases and those the projector shows at the candidate's point.
+    texture_weight: cost of a relative texture difference of 1 between the views.
+    limit: largest number of candidates a pixel keeps.
+    """
+
+    low_scale: float = 0.6
+    high_scale: float = 0.9
+    projector_low_scale: float = 0.7
+    texture_weight: float = 0.5
+    limit: int = 32
+
+
+@numba.njit(cache=True, inline="always")
+def wrap(angle):  # type: ignore[no-untyped-def]
+    """Angle in [-pi, pi)."""
+    return angle - _TWO_PI * math.floor(angle / _TWO_PI + 0.5)
+
+
+@numba.njit(cache=True, inline="always")
+def _bounded(residual, scale):  # type: ignore[no-untyped-def]
+    """Squared residual in units of its scale, saturating at 2 so that one bad carrier cannot rule alone."""
+    square = (residual / scale) ** 2
+    return 2.0 * square / (2.0 + square)
+
+
+@numba.njit(cache=True, parallel=True)
+def find_candidates(  # type: ignore[no-untyped-def]
+    phase_l, phase_r, usable_l, usable_r, texture_l, texture_r, frame, turn, depth_range, projector, periods, scales, limit
+):
+    """Candidates of all left pixels; arrays as in ``RectifiedView``.
+
+    frame: (focal, baseline, cx_left, cx_right, cy). turn: (3, 3), rectified to left-camera frame, by rows.
+    projector: vector of ``pack_projection`` or empty without a projector. periods: fringe periods (C,).
+    scales: (low, high, projector_low, texture). Returns x_right, cost (h, w, limit) and count (h, w).
+    """
+    carriers, height, width = phase_l.shape
+    right_width = phase_r.shape[2]
+    focal, baseline, cx_l, cx_r, cy = frame
+    x_right = np.full((height, width, limit), np.nan, np.float32)
+    cost = np.full((height, width, limit), np.inf, np.float32)
+    count = np.zeros((height, width), np.uint8)
+    two_carriers = carriers > 1
+    use_projector = projector.size > 0
+    for y in numba.prange(height):
+        down = (y - cy) / focal
+        slope = np.empty(right_width, np.float32)
+        for j in range(right_width - 1):
+            step = wrap(phase_r[0, y, j + 1] - phase_r[0, y, j])
+            good = usable_r[y, j] and usable_r[y, j + 1] and step > 0.05 and step < _STEEPEST
+            slope[j] = step if good else 0.0
+        for x in range(width):
+            if not usable_l[y, x]:
+                continue
+            across = (x - cx_l) / focal
+            per_z = turn[2, 0] * across + turn[2, 1] * down + turn[2, 2]
+            first = x - cx_l - focal * baseline * per_z / depth_range[0] + cx_r
+            last = x - cx_l - focal * baseline * per_z / depth_range[1] + cx_r
+            start = max(0, int(math.floor(first)))
+            stop = min(right_width - 2, int(math.ceil(last)))
+            phase = phase_l[0, y, x]
+            n = 0
+            for j in range(start, stop + 1):
+                if slope[j] == 0.0:
+                    continue
+                behind = wrap(phase_r[0, y, j] - phase)
+                if behind > 0 or behind + slope[j] <= 0:
+                    continue
+                t = -behind / slope[j]
+                right = j + t
+                if right < first or right > last or n == limit:
+                    continue
+                total = 0.0
+                if two_carriers:
+                    low_r = phase_r[1, y, j] + t * wrap(phase_r[1, y, j + 1] - phase_r[1, y, j])
+                    total += _bounded(wrap(low_r - phase_l[1, y, x]), scales[0])
+                a, b = texture_l[y, x], texture_r[y, j] + t * (texture_r[y, j + 1] - texture_r[y, j])
+                total += scales[3] * min(1.0, abs(a - b) / (a + b + 0.02))
+                if use_projector:
+                    zr = focal * baseline / (x - cx_l - right + cx_r)
+                    xr, yr = across * zr, down * zr
+                    px = turn[0, 0] * xr + turn[0, 1] * yr + turn[0, 2] * zr
+                    py = turn[1, 0] * xr + turn[1, 1] * yr + turn[1, 2] * zr
+                    pz = turn[2, 0] * xr + turn[2, 1] * yr + turn[2, 2] * zr
+                    u, _ = project_point(projector, px, py, pz)
+                    total += _bounded(wrap(_TWO_PI * u / periods[0] - phase), scales[1])
+                    if two_carriers:
+                        middle = phase_l[1, y, x] + 0.5 * wrap(low_r - phase_l[1, y, x])
+                        total += _bounded(wrap(_TWO_PI * u / periods[1] - middle), scales[2])
+                x_right[y, x, n] = right
+                cost[y, x, n] = total
+                n += 1
+            count[y, x] = n
+    return x_right, cost, count

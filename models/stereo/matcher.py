@@ -1,0 +1,144 @@
+"""Phase-based stereo matching in two modes: the two cameras alone, or with the projector's vote."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from models.geometry.projection import pack_projection
+from models.geometry.rectification import Rectification, rectify
+from models.geometry.rig import Rig, Side
+from models.phase.fringe import FringePhase
+from models.points import Reason
+from models.stereo.absolute import match_columns
+from models.stereo.aggregate import aggregate
+from models.stereo.candidates import Candidates, CandidateSettings, find_candidates
+from models.stereo.rectified import RectifiedView, rectify_phases
+
+Float32Array = npt.NDArray[np.float32]
+Matching = Literal["stereo", "trinocular"]
+MATCHINGS: tuple[Matching, ...] = ("stereo", "trinocular")
+
+
+@dataclass(frozen=True, eq=False)
+class CanvasMatches:
+    """Matches of the left canvas (h, w): right canvas column (float32, NaN where none) and the reason where none.
+
+    cost: float32, of the chosen candidate (0 for absolute matches). margin: float32, by how much the runner-up
+    is dearer a path; inf where there is none.
+    """
+
+    x_right: Float32Array
+    reason: npt.NDArray[np.uint8]
+    cost: Float32Array
+    margin: Float32Array
+
+
+class Matcher(Protocol):
+    """Finds for each left canvas pixel the point of the right canvas that shows the same phases."""
+
+    name: Matching
+
+    def match(self, phases: Mapping[Side, FringePhase], rig: Rig, depth_range: tuple[float, float]) -> CanvasMatches:
+        """Match two views; the phases' columns are used where both views have them (reference captures)."""
+        ...
+
+
+@dataclass(frozen=True)
+class MatcherSettings:
+    """jump_cost: cost of changing the fringe along a path. ambiguity: a runner-up dearer by less makes a pixel ambiguous."""
+
+    candidates: CandidateSettings = field(default_factory=CandidateSettings)
+    jump_cost: float = 1.2
+    ambiguity: float = 0.1
+
+
+class PhaseMatcher:
+    """Both modes: ``stereo`` compares the views only, ``trinocular`` also what the projector shows at each candidate."""
+
+    def __init__(self, name: Matching, settings: MatcherSettings | None = None) -> None:
+        self.name = name
+        self.settings = settings or MatcherSettings()
+
+    def match(self, phases: Mapping[Side, FringePhase], rig: Rig, depth_range: tuple[float, float]) -> CanvasMatches:
+        rectification = rectify(rig)
+        views = rectify_phases(phases, rectification)
+        left, right = views["left"], views["right"]
+        if left.column is not None and right.column is not None:
+            return _match_absolute(left, right, rectification, depth_range)
+        projector = pack_projection(rig.projector) if self.name == "trinocular" and rig.projector else np.zeros(0)
+        candidates = self._candidates(left, right, rectification, depth_range, projector, phases["left"].periods)
+        return self._choose(candidates, left)
+
+    def _candidates(
+        self,
+        left: RectifiedView,
+        right: RectifiedView,
+        rectification: Rectification,
+        depth_range: tuple[float, float],
+        projector: npt.NDArray[np.float64],
+        periods: tuple[float, ...],
+    ) -> Candidates:
+        s = self.settings.candidates
+        scales = np.array([s.low_scale, s.high_scale, s.projector_low_scale, s.texture_weight])
+        limit = min(s.limit, _most_candidates(right, rectification, depth_range))
+        frame, turn = kernel_frame(rectification)
+        found = find_candidates(
+            left.phase, right.phase, left.usable, right.usable, left.texture, right.texture,
+            frame, turn, np.array(depth_range), projector, np.array(periods), scales, limit,
+        )  # fmt: skip
+        return Candidates(*found)
+
+    def _choose(self, candidates: Candidates, left: RectifiedView) -> CanvasMatches:
+        total = aggregate(candidates, self.settings.jump_cost)
+        slots = np.arange(total.shape[2], dtype=np.uint8)
+        total = np.where(slots < candidates.count[..., None], total, np.float32(np.inf))
+        order = np.argpartition(total, min(1, total.shape[2] - 1), axis=2)[..., :2]
+        best = np.take_along_axis(total, order, axis=2)
+        chosen = order[..., :1]
+        margin = (best[..., -1] - best[..., 0]) / 8 if best.shape[2] > 1 else np.full(left.usable.shape, np.inf)
+        with np.errstate(invalid="ignore"):
+            margin = np.where(np.isfinite(margin), margin, np.inf).astype(np.float32)
+        reason = np.full(left.usable.shape, int(Reason.NO_MATCH), np.uint8)
+        reason[candidates.count > 0] = int(Reason.VALID)
+        reason[(candidates.count > 0) & (margin < self.settings.ambiguity)] = int(Reason.AMBIGUOUS)
+        x_right = np.take_along_axis(candidates.x_right, chosen, axis=2)[..., 0]
+        cost = np.take_along_axis(candidates.cost, chosen, axis=2)[..., 0]
+        x_right = np.where(reason == int(Reason.VALID), x_right, np.float32(np.nan))
+        return CanvasMatches(x_right, reason, cost, margin)
+
+
+def _match_absolute(
+    left: RectifiedView, right: RectifiedView, rectification: Rectification, depth_range: tuple[float, float]
+) -> CanvasMatches:
+    assert left.column is not None
+    assert right.column is not None
+    frame, turn = kernel_frame(rectification)
+    x_right, reason = match_columns(
+        left.column, right.column, left.usable, right.usable, frame, turn, np.array(depth_range)
+    )
+    nothing = np.zeros(x_right.shape, np.float32)
+    return CanvasMatches(x_right, reason, nothing, np.full_like(nothing, np.inf))
+
+
+def kernel_frame(rectification: Rectification) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """(focal, baseline, cx_left, cx_right, cy) and the rotation from the rectified to the left-camera frame."""
+    r = rectification
+    frame = np.array([r.focal, r.baseline, r.cx["left"], r.cx["right"], r.cy])
+    return frame, np.ascontiguousarray(r.rotation.T)
+
+
+def _most_candidates(right: RectifiedView, rectification: Rectification, depth_range: tuple[float, float]) -> int:
+    """How many fringes fit into the search range, with room for steep ones."""
+    span = rectification.focal * rectification.baseline * (1 / depth_range[0] - 1 / depth_range[1])
+    steps = np.diff(right.phase[0], axis=1)
+    steps = (steps + np.pi) % (2 * np.pi) - np.pi
+    seen = steps[right.usable[:, 1:] & right.usable[:, :-1]]
+    if seen.size == 0:
+        return 1
+    fastest = max(float(np.percentile(seen, 90)), 0.05)
+    return int(np.ceil(1.25 * span * fastest / (2 * np.pi))) + 2

@@ -1,0 +1,128 @@
+"""From canvas matches to the organised point map: refine, triangulate, doubt, reject."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from models.geometry.projection import pack_projection, project_points
+from models.geometry.rectification import rectify
+from models.geometry.rig import Rig, Side
+from models.normals import estimate_normals
+from models.phase.fringe import FringePhase
+from models.points import Origin, PointMap, Reason
+from models.stereo.matcher import CanvasMatches
+from models.stereo.rectified import rectify_phases
+from models.stereo.sensor_grid import refine_on_sensor
+from models.stereo.surfaces import claimed_twice, label_surfaces
+
+Float32Array = npt.NDArray[np.float32]
+Float64Array = npt.NDArray[np.float64]
+_TWO_PI = 2 * np.pi
+
+
+@dataclass(frozen=True)
+class RejectionSettings:
+    """When a match is not believed.
+
+    low: rad the low phases of the two views may differ by at the match. projector: rad the high phase may differ from the one
+    the projector shows at the point. smallest_surface: pixels; smaller connected surfaces are dropped. step: px of
+    disparity within which neighbouring pixels are one surface. claim: px of disparity within which two pixels may share a
+    right pixel. carrier_weights: relative inverse phase variance of (high, low) when the match is refined.
+    """
+
+    low: float = 1.2
+    projector: float = 1.2
+    smallest_surface: int = 400
+    step: float = 1.0
+    claim: float = 2.5
+    carrier_weights: tuple[float, float] = (1.0, 0.0)
+
+
+def build_point_map(
+    phases: Mapping[Side, FringePhase],
+    matches: CanvasMatches,
+    rig: Rig,
+    depth_range: tuple[float, float],
+    settings: RejectionSettings,
+    *,
+    use_projector: bool,
+) -> PointMap:
+    """Point map on the left sensor's grid; every pixel without a trustworthy point names its reason.
+
+    phases: of both views. matches: of the left canvas. depth_range: mm of left-camera z. use_projector: also require
+    that the projector shows each point the phase that the left camera saw there.
+    """
+    left = phases["left"]
+    rectification = rectify(rig)
+    right = rectify_phases({"right": phases["right"]}, rectification)["right"]
+    wrapped = left.wrapped.cpu().numpy()
+    modulation = left.modulation.cpu().numpy()
+    mask = left.mask.cpu().numpy().astype(np.uint8)
+    weights = np.array(settings.carrier_weights[: len(wrapped)])
+    usable = mask == Reason.VALID
+    if left.column is not None:
+        usable &= np.isfinite(left.column.cpu().numpy())
+    x_right, low = refine_on_sensor(
+        matches.x_right, rectification.canvas_of_left, wrapped, modulation, usable, right.phase, right.usable, weights
+    )
+    canvas = rectification.canvas_of_left.astype(np.float64)
+    points = rectification.triangulate(canvas[..., 0], x_right, canvas[..., 1])
+    reason = _inherited_reasons(mask, matches, canvas)
+    matched = np.isfinite(x_right)
+    reason[matched] = Reason.VALID
+    with np.errstate(invalid="ignore"):
+        outside = matched & ~((points[..., 2] >= depth_range[0]) & (points[..., 2] <= depth_range[1]))
+        doubtful = matched & (np.abs(low) > settings.low)
+    residual = np.zeros(matched.shape)
+    if use_projector and rig.projector is not None:
+        residual = projector_residual(points, left, rig)
+        with np.errstate(invalid="ignore"):
+            doubtful |= matched & ~(np.abs(residual) <= settings.projector)
+    disparity = np.where(matched & ~outside & ~doubtful, x_right - canvas[..., 0], np.nan)
+    quality = (low / settings.low) ** 2 + (residual / settings.projector) ** 2
+    twice = claimed_twice(
+        canvas[..., 0], np.where(np.isnan(disparity), np.nan, x_right), canvas[..., 1], quality.astype(np.float32),
+        right.usable.shape[0], right.usable.shape[1], settings.claim,
+    )  # fmt: skip
+    disparity[twice] = np.nan
+    labels, sizes = label_surfaces(disparity, settings.step)
+    small = (labels >= 0) & (np.append(sizes, 0)[labels] < settings.smallest_surface)
+    for flag, why in ((doubtful | twice, Reason.AMBIGUOUS), (small, Reason.ISOLATED), (outside, Reason.OUT_OF_RANGE)):
+        reason[flag] = why
+    valid = reason == Reason.VALID
+    kept = np.where(valid[..., None], points, np.nan).astype(np.float32)
+    confidence = np.where(valid, np.exp(-quality), 0.0).astype(np.float32)
+    phase = np.where(valid, wrapped % _TWO_PI, np.nan).astype(np.float32)
+    return PointMap(
+        points=kept,
+        normals=estimate_normals(kept),
+        confidence=confidence,
+        intensity=left.texture.cpu().numpy().astype(np.float32),
+        modulation=modulation[0].astype(np.float32),
+        phase_high=phase[0],
+        phase_low=phase[1] if len(phase) > 1 else np.full_like(phase[0], np.nan),
+        origin=np.where(valid, Origin.LEFT_RIGHT, Origin.NONE).astype(np.uint8),
+        mask=reason,
+    )
+
+
+def projector_residual(points: Float64Array, view: FringePhase, rig: Rig) -> Float64Array:
+    """High phase of a view minus the phase that the projector shows at its points, wrapped, rad, (H, W); NaN without a point."""
+    assert rig.projector is not None
+    column = project_points(pack_projection(rig.projector), points.reshape(-1, 3))[:, 0].reshape(points.shape[:2])
+    difference = view.wrapped[0].cpu().numpy() - _TWO_PI / view.periods[0] * column
+    return np.asarray((difference + np.pi) % _TWO_PI - np.pi)
+
+
+def _inherited_reasons(mask: npt.NDArray[np.uint8], matches: CanvasMatches, canvas: Float64Array) -> npt.NDArray[np.uint8]:
+    """The left view's own reasons, and the canvas's where the view had none."""
+    height, width = matches.reason.shape
+    x = np.clip(np.rint(canvas[..., 0]).astype(np.intp), 0, width - 1)
+    y = np.clip(np.rint(canvas[..., 1]).astype(np.intp), 0, height - 1)
+    seen = matches.reason[y, x]
+    seen = np.where(seen == Reason.VALID, np.uint8(Reason.NO_MATCH), seen)
+    return np.where(mask == Reason.VALID, seen, mask).astype(np.uint8)
