@@ -13,7 +13,7 @@ import numpy.typing as npt
 from models.errors import CaptureError
 
 Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _COMPRESSION = 1
 
 
@@ -26,7 +26,7 @@ def read_png(path: Path) -> Image:
         data = path.read_bytes()
     except OSError as error:
         raise CaptureError(f"{path}: not readable ({error.strerror or error})") from error
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if _is_whole(data) else None
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if is_whole_png(data) else None
     if image is None:
         raise CaptureError(f"{path}: not a whole PNG (truncated or damaged); restore it or capture again")
     if image.ndim != 2:
@@ -45,11 +45,11 @@ def write_png(path: Path, image: Image) -> None:
         raise CaptureError(f"{path}: could not be written; is the disk full?")
 
 
-def _is_whole(data: bytes) -> bool:
+def is_whole_png(data: bytes) -> bool:
     """Every chunk is there up to the closing one, with the right checksum; OpenCV fills what lacks and says nothing."""
-    if not data.startswith(_SIGNATURE):
+    if not data.startswith(PNG_SIGNATURE):
         return False
-    at = len(_SIGNATURE)
+    at = len(PNG_SIGNATURE)
     while at + 12 <= len(data):
         (length,) = struct.unpack_from(">I", data, at)
         end = at + 8 + length

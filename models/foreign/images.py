@@ -10,11 +10,12 @@ import numpy as np
 
 from models.capture import Image
 from models.errors import ManifestError
+from models.png import PNG_SIGNATURE, is_whole_png
 
 Channel = Literal["gray", "red", "green", "blue"]
 MAXIMUM_PIXELS = 100_000_000
 _BGR_INDEX = {"blue": 0, "green": 1, "red": 2}
-_END_MARKS = {b"\x89PNG": b"IEND", b"\xff\xd8\xff": b"\xff\xd9"}
+_JPEG_START, _JPEG_END = b"\xff\xd8\xff", b"\xff\xd9"
 _TAIL_BYTES = 4096
 
 
@@ -27,10 +28,8 @@ def read_foreign_image(path: Path, channel: Channel) -> Image:
     content = path.read_bytes()
     if not content:
         raise ManifestError(f"{path}: is empty")
-    for start, end in _END_MARKS.items():
-        # OpenCV fills what a truncated file lacks with grey and says nothing.
-        if content.startswith(start) and end not in content[-_TAIL_BYTES:]:
-            raise ManifestError(f"{path}: the image is truncated; restore the file")
+    if not _is_whole(content):
+        raise ManifestError(f"{path}: the image is truncated or damaged; restore the file")
     try:
         image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
@@ -42,6 +41,13 @@ def read_foreign_image(path: Path, channel: Channel) -> Image:
     if image.shape[0] * image.shape[1] > MAXIMUM_PIXELS:
         raise ManifestError(f"{path}: has more than {MAXIMUM_PIXELS // 1_000_000} megapixels")
     return _take_channel(image, channel, path)
+
+
+def _is_whole(content: bytes) -> bool:
+    """OpenCV fills what a truncated PNG or JPEG lacks with grey and says nothing."""
+    if content.startswith(PNG_SIGNATURE):
+        return is_whole_png(content)
+    return not content.startswith(_JPEG_START) or _JPEG_END in content[-_TAIL_BYTES:]
 
 
 def _take_channel(image: np.ndarray, channel: Channel, path: Path) -> Image:
