@@ -16,6 +16,7 @@ from models.atomic import atomic_folder
 from models.capture import Capture, write_capture
 from models.dataset import RECORD_NAME, SAMPLES_NAME, Dataset, DatasetRecord, open_dataset, split_by_object
 from models.errors import DatasetError
+from models.geometry.rig import Rig
 from models.patterns import PatternPlan
 
 Progress = Callable[[int, int], None]
@@ -31,15 +32,15 @@ def render_sample(
     index: int,
     plan: PatternPlan,
     *,
-    simulated: SimulatedRig | None = None,
+    rig: SimulatedRig | Rig | None = None,
     meshes: Sequence[Path] = (),
 ) -> Capture:
     """Sample ``index`` of the series ``seed``, which depends on nothing else than the rig, the plan and the meshes.
 
-    simulated: the reference rig by default. meshes: files to take objects from, in turn, instead of procedural ones
+    rig: the reference rig by default. meshes: files to take objects from, in turn, instead of procedural ones
     (MeshFileError where one is unreadable).
     """
-    simulated = simulated or _default_rig()
+    simulated = _simulated(rig)
     capture = simulated.render(_scene(seed, index, simulated, meshes), plan, (seed, index))
     settings = {**capture.record.settings, "seed": seed, "index": index}
     return replace(capture, record=capture.record.model_copy(update={"id": sample_id(index), "settings": settings}))
@@ -48,6 +49,12 @@ def render_sample(
 @lru_cache(maxsize=1)
 def _default_rig() -> SimulatedRig:
     return SimulatedRig()
+
+
+def _simulated(rig: SimulatedRig | Rig | None) -> SimulatedRig:
+    if rig is None:
+        return _default_rig()
+    return SimulatedRig(rig) if isinstance(rig, Rig) else rig
 
 
 def _scene(seed: int, index: int, simulated: SimulatedRig, meshes: Sequence[Path]) -> Scene:
@@ -63,7 +70,7 @@ def simulate_dataset(
     seed: int,
     plan: PatternPlan,
     *,
-    simulated: SimulatedRig | None = None,
+    rig: SimulatedRig | Rig | None = None,
     meshes: Sequence[Path] = (),
     workers: int = 1,
     progress: Progress | None = None,
@@ -76,7 +83,7 @@ def simulate_dataset(
     """
     if samples < 1:
         raise DatasetError(f"a dataset needs at least one sample, not {samples}")
-    simulated = simulated or _default_rig()
+    simulated = _simulated(rig)
     for path in meshes:
         read_mesh(path)
     if workers > 1:
@@ -86,7 +93,7 @@ def simulate_dataset(
         (partial / SAMPLES_NAME).mkdir()
 
         def make(index: int) -> str:
-            capture = render_sample(seed, index, plan, simulated=simulated, meshes=meshes)
+            capture = render_sample(seed, index, plan, rig=simulated, meshes=meshes)
             write_capture(capture, partial / SAMPLES_NAME / sample_id(index))
             return capture.record.object_id or ""
 

@@ -7,14 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from drivers.simulator.compiled import compiled
+from drivers.simulator.bounce import Bounce
 from drivers.simulator.lamp import Irradiance, Lamp
-from drivers.simulator.optics import PROFILE_STEPS, Profile, footprint_offsets
+from drivers.simulator.optics import Profile, footprint_offsets, gather
 from drivers.simulator.raycast import Hits
 from drivers.simulator.scene import Scene
 from models.geometry.device import Device
@@ -46,7 +45,8 @@ class ViewLight:
 
     gain: float32 (H, W, S), light (1 = white level) that full white gives each of S sub-samples of a pixel.
     columns, rows: float32 (H, W, S), projector coordinates (u, v) there, undefined where gain is 0.
-    ambient, albedo: float32 (H, W), light without the projector and mean albedo.
+    ambient, albedo: float32 (H, W), light without the projector and mean albedo. objects: int16 (H, W), which object
+    the first sub-sample shows, -1 for none. bounce: indirect light, None where it is not simulated.
     """
 
     gain: Float32Array
@@ -54,6 +54,8 @@ class ViewLight:
     rows: Float32Array
     ambient: Float32Array
     albedo: Float32Array
+    objects: npt.NDArray[np.int16]
+    bounce: Bounce | None = None
 
     @property
     def white(self) -> Float32Array:
@@ -62,18 +64,10 @@ class ViewLight:
 
     def under(self, profile: Profile) -> Float32Array:
         """Light (H, W) on the sensor under one pattern, before the lens's blur, ambient light included."""
-        samples = self.gain.shape[-1]
-        coordinate = self.rows if profile.row_coded else self.columns
-        out = np.empty(self.ambient.shape, np.float32)
-        _gather(
-            self.gain.reshape(-1, samples),
-            coordinate.reshape(-1, samples),
-            profile.light,
-            np.float32(profile.start),
-            self.ambient.ravel(),
-            out.ravel(),
-        )
-        return out
+        light = gather(self.gain, self.rows if profile.row_coded else self.columns, profile, self.ambient)
+        if self.bounce is not None:
+            light += self.albedo * self.bounce.under(profile)
+        return light
 
 
 def view_light(scene: Scene, sight: Footprints, lamp: Lamp, ambient_scale: float, run: Map) -> ViewLight:
@@ -83,6 +77,7 @@ def view_light(scene: Scene, sight: Footprints, lamp: Lamp, ambient_scale: float
     gain = np.empty((height, width, samples), np.float32)
     columns, rows = np.empty_like(gain), np.empty_like(gain)
     ambient, albedo = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
+    objects = np.empty((height, width), np.int16)
 
     def band(part: slice) -> None:
         shape = gain[part].shape
@@ -99,11 +94,12 @@ def view_light(scene: Scene, sight: Footprints, lamp: Lamp, ambient_scale: float
         around = AMBIENT_EDGE_ON + (1 - AMBIENT_EDGE_ON) * facing
         ambient[part] = (ambient_scale * reflectance * around).reshape(shape).mean(axis=2)
         albedo[part] = reflectance.reshape(shape).mean(axis=2)
+        objects[part] = hits.objects.reshape(shape)[..., 0]
 
     bands = [slice(start, start + _ROWS_AT_ONCE) for start in range(0, height, _ROWS_AT_ONCE)]
     for _ in run(band, bands):
         pass
-    return ViewLight(gain, columns, rows, ambient, albedo)
+    return ViewLight(gain, columns, rows, ambient, albedo, objects)
 
 
 def _add_highlights(
@@ -124,20 +120,3 @@ def _add_highlights(
 
 def _unit(vectors: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
-
-
-@compiled
-def _gather(gain: Any, coordinate: Any, light: Any, start: Any, base: Any, out: Any) -> None:
-    last = len(light) - 2
-    samples = gain.shape[1]
-    share = np.float32(1.0 / samples)
-    for i in range(len(gain)):
-        total = np.float32(0.0)
-        for s in range(samples):
-            weight = gain[i, s]
-            if weight > 0:
-                position = (coordinate[i, s] - start) * np.float32(PROFILE_STEPS)
-                cell = min(max(int(position), 0), last)
-                part = position - np.float32(cell)
-                total += weight * (light[cell] + part * (light[cell + 1] - light[cell]))
-        out[i] = base[i] + total * share

@@ -6,13 +6,14 @@ import os
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 
+from drivers.simulator.bounce import view_bounce
 from drivers.simulator.exposure import ExposureShares, exposure_shares, exposure_warnings
 from drivers.simulator.geometry import reference_rig
 from drivers.simulator.lamp import Lamp, Levels
@@ -112,8 +113,7 @@ class SimulatedRig:
 
     def prepare(self, plan: PatternPlan) -> None:
         """Compute now, rather than at the first capture and in several threads at once, what all captures share."""
-        lines_of_sight = self.footprints
-        assert set(lines_of_sight) == set(SIDES)
+        _ = self.footprints, self.lamp
         for pattern in plan.patterns:
             self.profile(pattern)
 
@@ -121,6 +121,12 @@ class SimulatedRig:
         """Cast all rays of a scene."""
         ambient_scale = self.levels.ambient_scale(self.sensor.black_level)
         views = {side: view_light(scene, self.footprints[side], self.lamp, ambient_scale, self._each) for side in SIDES}
+        if self.interreflection:
+            cameras = self.rig.cameras
+            views = {
+                side: replace(view, bounce=view_bounce(scene, cameras[side], self.lamp, view.objects))
+                for side, view in views.items()
+            }
         return Observation(self, scene, views, scene_truth(scene, self.rig, self.lamp))
 
     def render(self, scene: Scene, plan: PatternPlan, seed: int | Sequence[int] = 0) -> Capture:
