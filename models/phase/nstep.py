@@ -24,8 +24,8 @@ SATURATION = 0.998
 class NStepSettings:
     """minimum_modulation: share of full scale below which a phase is noise. minimum_light: white minus black, likewise."""
 
-    minimum_modulation: float = 0.008
-    minimum_light: float = 0.012
+    minimum_modulation: float = 0.005
+    minimum_light: float = 0.010
     tolerance: UnwrapTolerance = UnwrapTolerance()
 
 

@@ -23,7 +23,7 @@ def aggregate(candidates: Candidates, jump_cost: float) -> Float32Array:
 
     jump_cost: what a change of fringe from one pixel to the next costs along a path.
     """
-    total = candidates.cost * np.float32(0)
+    total = np.zeros_like(candidates.cost)
     x, cost, count = candidates.x_right, candidates.cost, candidates.count
     for dy, dx in ((0, 1), (0, -1)):
         _along_rows(x, cost, count, total, dx, np.float32(jump_cost))

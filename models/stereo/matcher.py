@@ -68,9 +68,9 @@ class PhaseMatcher:
         rectification = rectify(rig)
         views = rectify_phases(phases, rectification)
         left, right = views["left"], views["right"]
-        if left.column is not None and right.column is not None:
-            return _match_absolute(left, right, rectification, depth_range)
         projector = pack_projection(rig.projector) if self.name == "trinocular" and rig.projector else np.zeros(0)
+        if left.column is not None and right.column is not None:
+            return _match_absolute(left, right, rectification, depth_range, projector)
         candidates = self._candidates(left, right, rectification, depth_range, projector, phases["left"].periods)
         return self._choose(candidates, left)
 
@@ -100,8 +100,8 @@ class PhaseMatcher:
         order = np.argpartition(total, min(1, total.shape[2] - 1), axis=2)[..., :2]
         best = np.take_along_axis(total, order, axis=2)
         chosen = order[..., :1]
-        margin = (best[..., -1] - best[..., 0]) / 8 if best.shape[2] > 1 else np.full(left.usable.shape, np.inf)
         with np.errstate(invalid="ignore"):
+            margin = (best[..., -1] - best[..., 0]) / 8 if best.shape[2] > 1 else np.full(left.usable.shape, np.inf)
             margin = np.where(np.isfinite(margin), margin, np.inf).astype(np.float32)
         reason = np.full(left.usable.shape, int(Reason.NO_MATCH), np.uint8)
         reason[candidates.count > 0] = int(Reason.VALID)
@@ -113,13 +113,17 @@ class PhaseMatcher:
 
 
 def _match_absolute(
-    left: RectifiedView, right: RectifiedView, rectification: Rectification, depth_range: tuple[float, float]
+    left: RectifiedView,
+    right: RectifiedView,
+    rectification: Rectification,
+    depth_range: tuple[float, float],
+    projector: npt.NDArray[np.float64],
 ) -> CanvasMatches:
     assert left.column is not None
     assert right.column is not None
     frame, turn = kernel_frame(rectification)
     x_right, reason = match_columns(
-        left.column, right.column, left.usable, right.usable, frame, turn, np.array(depth_range)
+        left.column, right.column, left.usable, right.usable, frame, turn, np.array(depth_range), projector
     )
     nothing = np.zeros(x_right.shape, np.float32)
     return CanvasMatches(x_right, reason, nothing, np.full_like(nothing, np.inf))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -13,6 +12,7 @@ from models.geometry.rectification import Rectification
 from models.geometry.rig import Side
 from models.phase.fringe import FringePhase
 from models.points import Reason
+from models.stereo.resample import resample
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -41,21 +41,20 @@ def rectify_phases(phases: Mapping[Side, FringePhase], rectification: Rectificat
 def _rectify_view(view: FringePhase, sensor_map: Float32Array) -> RectifiedView:
     carriers = view.carriers.cpu().numpy()
     usable = (view.mask == int(Reason.VALID)).cpu().numpy()
+    channels = [part for carrier in carriers for part in (carrier.real, carrier.imag)]
+    channels.append(view.texture.cpu().numpy())
     if view.column is not None:
-        usable = usable & np.isfinite(view.column.cpu().numpy())
-    parts = [_resample(part, sensor_map) for c in carriers for part in (c.real, c.imag)]
-    fields = np.stack([real + 1j * imaginary for real, imaginary in zip(parts[::2], parts[1::2], strict=True)])
-    column = None
-    if view.column is not None:
-        filled = np.nan_to_num(view.column.cpu().numpy(), nan=0.0)
-        column = _resample(filled, sensor_map, cv2.INTER_LINEAR)
-    share = cv2.remap(usable.astype(np.float32), sensor_map, None, cv2.INTER_LINEAR, borderValue=0.0)
-    texture = _resample(view.texture.cpu().numpy(), sensor_map)
-    return RectifiedView(
-        np.angle(fields).astype(np.float32), np.abs(fields).astype(np.float32), texture, share > 0.999, column
+        column = view.column.cpu().numpy()
+        usable = usable & np.isfinite(column)
+        channels.append(np.nan_to_num(column, nan=0.0))
+    resampled, inside = resample(
+        np.stack(channels).astype(np.float32), usable, sensor_map, 0 if view.column is None else 1
     )
-
-
-def _resample(image: npt.NDArray[np.float32], sensor_map: Float32Array, method: int = cv2.INTER_CUBIC) -> Float32Array:
-    contiguous = np.ascontiguousarray(image, np.float32)
-    return np.asarray(cv2.remap(contiguous, sensor_map, None, method, borderMode=cv2.BORDER_REPLICATE), np.float32)
+    fields = resampled[0 : 2 * len(carriers) : 2] + 1j * resampled[1 : 2 * len(carriers) : 2]
+    return RectifiedView(
+        phase=np.angle(fields).astype(np.float32),
+        modulation=np.abs(fields).astype(np.float32),
+        texture=resampled[2 * len(carriers)],
+        usable=inside,
+        column=None if view.column is None else resampled[-1],
+    )
