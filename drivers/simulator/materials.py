@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from drivers.simulator.compiled import compiled
 from drivers.simulator.noise import fractal_noise
 
 TextureKind = Literal["none", "marble", "spots", "stripes", "checks"]
@@ -37,7 +38,8 @@ class Material:
             return np.full(len(points), self.albedo, np.float32)
         rng = np.random.default_rng([self.seed, 7])
         axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-        local = (points @ axes.T + rng.uniform(-500, 500, 3)) / self.scale_mm
+        local = np.empty((len(points), 3))
+        _turned(np.ascontiguousarray(points, np.float64), axes / self.scale_mm, rng.uniform(-20, 20, 3), local)
         return np.asarray(self.albedo * (1 - self.contrast * self._darkness(local)), np.float32)
 
     def _darkness(self, local: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
@@ -54,3 +56,10 @@ class Material:
 
 def _soft_step(value: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
     return np.asarray(np.clip(0.5 + 3.0 * value, 0, 1))
+
+
+@compiled
+def _turned(points: Any, axes: Any, origin: Any, out: Any) -> None:
+    for i in range(len(points)):
+        for k in range(3):
+            out[i, k] = axes[k, 0] * points[i, 0] + axes[k, 1] * points[i, 1] + axes[k, 2] * points[i, 2] + origin[k]

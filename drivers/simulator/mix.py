@@ -62,16 +62,15 @@ def random_scene(seed: int, index: int, rig: Rig | None = None) -> Scene:
     near, far = rig.working_depths
     wall, objects_far = _wall(rng, rig, far) if "wall" in traits else (None, far)
     volume = Volume(rig.left, near, objects_far)
-    names: dict[int, str] = {}
 
-    def draw(number: int) -> Mesh:
-        names[number] = _shape_name(rng, fine="fine" in traits and number == 0)
-        return SHAPES[names[number]](rng).moved(rotation=_orientation(rng, names[number]))
+    def draw(number: int) -> tuple[str, Mesh]:
+        name = _shape_name(rng, fine="fine" in traits and number == 0)
+        return name, SHAPES[name](rng).moved(rotation=_orientation(rng, name))
 
-    meshes = arrange(rng, volume, draw, least=int(rng.integers(1, 4)), cover=LEAST_COVER)
+    placed = arrange(rng, volume, draw, least=int(rng.integers(1, 4)), cover=LEAST_COVER)
     objects = tuple(
-        SceneObject(f"{names[k]}-{_identity(seed, index, k)}", mesh, object_material(rng, traits, mesh))
-        for k, mesh in enumerate(meshes)
+        SceneObject(f"{name}-{_identity(seed, index, number)}", mesh, object_material(rng, traits, mesh))
+        for number, (name, mesh) in enumerate(placed)
     )
     return Scene(objects, wall, traits)
 

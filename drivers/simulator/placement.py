@@ -19,7 +19,8 @@ _MOST_OBJECTS = 6
 _OVERLAP = 0.8
 """Bounding spheres may overlap down to this share of their touching distance: few objects fill theirs."""
 
-Draw = Callable[[int], Mesh]
+Named = tuple[str, Mesh]
+Draw = Callable[[int], Named]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,18 +63,19 @@ class _Placed:
         return float(np.linalg.norm(self.centre - other.centre)) < _OVERLAP * (self.radius + other.radius)
 
 
-def arrange(rng: np.random.Generator, volume: Volume, draw: Draw, least: int, cover: float) -> tuple[Mesh, ...]:
+def arrange(rng: np.random.Generator, volume: Volume, draw: Draw, least: int, cover: float) -> tuple[Named, ...]:
     """Objects that together cover at least the share ``cover`` of the field, or the best of ten arrangements.
 
-    draw: gives the unit mesh, already turned, of the k-th object. least: fewest objects.
+    draw: gives the name and unit mesh, already turned, of a k-th object; called anew in each arrangement.
+    least: fewest objects.
     """
-    best: tuple[Mesh, ...] = ()
+    best: tuple[Named, ...] = ()
     best_cover = -1.0
     for attempt in range(_ARRANGEMENTS):
-        meshes, covered = _one_arrangement(rng, volume, draw, least, cover, swell=1 + 0.06 * attempt)
+        objects, covered = _one_arrangement(rng, volume, draw, least, cover, swell=1 + 0.06 * attempt)
         share = float(covered.mean())
         if share > best_cover:
-            best, best_cover = meshes, share
+            best, best_cover = objects, share
         if best_cover >= cover:
             break
     return best
@@ -81,21 +83,23 @@ def arrange(rng: np.random.Generator, volume: Volume, draw: Draw, least: int, co
 
 def _one_arrangement(
     rng: np.random.Generator, volume: Volume, draw: Draw, least: int, cover: float, swell: float
-) -> tuple[tuple[Mesh, ...], npt.NDArray[np.bool_]]:
+) -> tuple[tuple[Named, ...], npt.NDArray[np.bool_]]:
     camera = volume.camera
     field = swell * volume.width_at((volume.near + volume.far) / 2)
     placed: list[_Placed] = []
+    names: list[str] = []
     covered = np.zeros((-(-camera.height // CELL_PX), -(-camera.width // CELL_PX)), np.bool_)
     while len(placed) < _MOST_OBJECTS and (len(placed) < least or covered.mean() < cover):
         main = not placed
-        unit = draw(len(placed))
+        name, unit = draw(len(placed))
         radius = field * (rng.uniform(0.25, 0.34) if main else rng.uniform(0.13, 0.24))
         candidate = _find_place(rng, volume, unit, radius, placed, covered)
         if candidate is None:
             break
         placed.append(candidate)
+        names.append(name)
         covered |= silhouette(candidate.mesh, camera)
-    return tuple(p.mesh for p in placed), covered
+    return tuple((name, p.mesh) for name, p in zip(names, placed, strict=True)), covered
 
 
 def _find_place(

@@ -16,7 +16,9 @@ from drivers.simulator.noise import fractal_noise
 
 Shape = Callable[[np.random.Generator], Mesh]
 _ICOSPHERE_SUBDIVISIONS = 6
-_SEGMENTS = 160
+_SEGMENTS = 96
+_SIDE_SHARES = np.linspace(0, 1, 9)[:, None, None]
+"""Rows of faces across sides and ends: long thin triangles that lie aslant make ray casting several times slower."""
 
 
 def grid_faces(rows: int, columns: int) -> IndexArray:
@@ -56,13 +58,14 @@ def cuboid(size: tuple[float, float, float], centre: tuple[float, float, float] 
 
 def rod(radius: float, length: float, centre: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Mesh:
     """A cylinder along y with flat ends."""
+    rings = int(np.clip(np.ceil(length / radius * 4), 4, 60))
     angle = np.linspace(0, 2 * np.pi, _SEGMENTS + 1)
-    ring = np.stack([radius * np.cos(angle), np.zeros_like(angle), radius * np.sin(angle)], -1)
-    half = np.array([0.0, length / 2, 0.0])
-    low, high = ring - half, ring + half
-    parts = [np.stack([low, high])]
-    parts += [np.stack([np.broadcast_to(end.mean(axis=0) * [0, 1, 0], end.shape), end]) for end in (low, high)]
-    return Mesh.join([patch(p) for p in parts]).moved(translation=centre)
+    circle = radius * np.stack([np.cos(angle), np.zeros_like(angle), np.sin(angle)], -1)
+    heights = np.array([[0.0, y, 0.0] for y in np.linspace(-length / 2, length / 2, rings + 1)])
+    sides = heights[:, None] + circle
+    return Mesh.join([patch(sides), *(patch(heights[end] + _SIDE_SHARES * circle) for end in (0, -1))]).moved(
+        translation=centre
+    )
 
 
 @lru_cache(maxsize=1)
@@ -110,7 +113,7 @@ def _height_field(x: FloatArray, y: FloatArray, height: FloatArray, thickness: f
     for edge in (front[0], front[-1], front[:, 0], front[:, -1]):
         back = edge.copy()
         back[:, 2] = thickness
-        parts.append(patch(np.stack([edge, back])))
+        parts.append(patch(edge + _SIDE_SHARES * (back - edge)))
     return Mesh.join(parts)
 
 
