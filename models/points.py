@@ -54,6 +54,14 @@ class PointMap:
     origin: UInt8Array
     mask: UInt8Array
 
+    @classmethod
+    def empty(cls, shape: tuple[int, int]) -> PointMap:
+        """A map (H, W) without any point: what a failed reconstruction counts as in a comparison."""
+        vectors, plane = np.full((*shape, 3), np.nan, np.float32), np.full(shape, np.nan, np.float32)
+        zeros, codes = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
+        mask = np.full(shape, Reason.NO_MATCH, np.uint8)
+        return cls(vectors, vectors, zeros, zeros, zeros, plane, plane, codes, mask)
+
     @property
     def shape(self) -> tuple[int, int]:
         """(H, W)."""
