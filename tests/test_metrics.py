@@ -347,7 +347,10 @@ def test_tables_have_a_row_a_method_and_a_column_a_figure(rig, scene):
     rows = table_rows(MAIN_TABLE, results)
     assert rows[0][:4] == ["method", "Valid %", "FOAcc %", "literal %"]
     assert [row[:3] for row in rows[1:]] == [["wft", "80.00", "80.00"], ["nstep", "100.00", "100.00"]]
-    assert table_rows(MAIN_TABLE, results, intervals)[1][1] == "80.00 [70.00, 90.00]"
+    with_intervals = table_rows(MAIN_TABLE, results, intervals)
+    assert [row[:2] for row in with_intervals[1:3]] == [["wft", "80.00"], ["  95 %", "70.00..90.00"]]
+    assert len(with_intervals) == 5
+    assert table_rows(DEPTH_TABLE, results, intervals)[2][1] == "-"
     assert [row[1] for row in table_rows(DEPTH_TABLE, results)[1:]] == ["-", "-"]
     text = table_text(results, intervals)
     assert "2 samples, 1000 foreground pixels" in text

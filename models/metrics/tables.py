@@ -47,11 +47,14 @@ TABLES = (MAIN_TABLE, DEPTH_TABLE)
 def table_rows(
     columns: Sequence[Column], results: Mapping[str, Figures], intervals: Mapping[str, Intervals] | None = None
 ) -> list[list[str]]:
-    """Cells of a table, headings first, one row a method; '-' for a figure that does not exist."""
+    """Cells of a table, headings first, one row a method and under it its intervals; '-' for what does not exist."""
     rows = [["method", *(column.heading for column in columns)]]
     for method, figures in results.items():
-        own = (intervals or {}).get(method, {})
-        rows.append([method, *(_cell(c, getattr(figures, c.figure), own.get(c.figure)) for c in columns)])
+        rows.append([method, *(_cell(getattr(figures, c.figure), c.decimals) for c in columns)])
+        if intervals is not None:
+            bounds = [intervals[method][column.figure] for column in columns]
+            cells = ["..".join(_cell(b, c.decimals) for b in pair) for c, pair in zip(columns, bounds, strict=True)]
+            rows.append(["  95 %", *(cell if cell != "-..-" else "-" for cell in cells)])
     return rows
 
 
@@ -78,13 +81,8 @@ def figures_as_json(figures: Figures, intervals: Intervals | None = None) -> dic
     return plain
 
 
-def _cell(column: Column, value: float, interval: Interval | None) -> str:
-    if not math.isfinite(value):
-        return "-"
-    text = f"{value:.{column.decimals}f}"
-    if interval is None or not all(map(math.isfinite, interval)):
-        return text
-    return f"{text} [{interval[0]:.{column.decimals}f}, {interval[1]:.{column.decimals}f}]"
+def _cell(value: float, decimals: int) -> str:
+    return f"{value:.{decimals}f}" if math.isfinite(value) else "-"
 
 
 def _counts(results: Mapping[str, Figures]) -> str:
