@@ -1,0 +1,60 @@
+"""The program: its commands, and how each way of failing ends."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from typing import Annotated
+
+import typer
+
+from models.errors import DuofringeError
+from service.cli import console, demo, evaluate, import_set, patterns, reconstruct, simulate
+
+FAILED = 1
+_DEBUG = "--debug"
+
+app = typer.Typer(
+    name="duofringe",
+    help="Structured-light captures: simulate, import, reconstruct, evaluate.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+@app.callback(epilog="Every command has its own --help with an example. Exit status: 0 done, 1 failed, 2 wrong usage.")
+def _common(
+    context: typer.Context,
+    debug: Annotated[bool, typer.Option(_DEBUG, help="Show the traceback of an error; taken anywhere.")] = False,
+) -> None:
+    context.obj = {"debug": debug}
+
+
+for module in (demo, reconstruct, evaluate, simulate, import_set, patterns):
+    module.register(app)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line and exit: 0 done, 1 the work failed (one line on stderr), 2 usage, 130 interrupted."""
+    words = sys.argv[1:] if arguments is None else arguments
+    debug = _DEBUG in words
+    if debug:
+        words = [_DEBUG, *(word for word in words if word != _DEBUG)]
+    try:
+        app(words, prog_name="duofringe")
+    except DuofringeError as error:
+        _fail(str(error), error, debug=debug)
+    except OSError as error:
+        _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error), error, debug=debug)
+    except Exception as error:  # noqa: BLE001  # the last door: no traceback reaches a user
+        hint = "" if debug else f"; run again with {_DEBUG} and report it"
+        _fail(f"unexpected {type(error).__name__}: {error}{hint}", error, debug=debug)
+
+
+def _fail(text: str, error: Exception, *, debug: bool) -> None:
+    if debug:
+        traceback.print_exception(error)
+    console.note(f"duofringe: {' '.join(text.split())}")
+    raise SystemExit(FAILED)
