@@ -104,7 +104,7 @@ def _read_record(path: Path) -> DatasetRecord:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "content"
         raise DatasetError(f"{path}: {where}: {first['msg']}") from error
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(f"{path}: not readable as JSON ({error})") from error
 
 

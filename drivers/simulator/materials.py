@@ -50,7 +50,7 @@ class Material:
             return _soft_step(2 * np.sin(np.pi * local[:, 0]) * np.sin(np.pi * local[:, 1]))
         noise = fractal_noise(local, self.seed, octaves=3 if self.texture == "marble" else 2)
         if self.texture == "marble":
-            return np.asarray(np.clip(0.5 + 1.1 * noise, 0, 1))
+            return np.asarray(np.clip(0.5 + 1.6 * noise, 0, 1))
         return _soft_step(2.5 * noise)
 
 

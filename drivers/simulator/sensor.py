@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -27,7 +27,7 @@ class Sensor:
 
     exposure_us: float = REFERENCE_EXPOSURE_US
     gain_db: float = 0.0
-    bit_depth: int = 8
+    bit_depth: Literal[8, 12] = 8
     full_well: float = 10_000.0
     read_noise: float = 8.0
     black_level: float = 1.0

@@ -29,9 +29,21 @@ def grid_faces(rows: int, columns: int) -> IndexArray:
     return np.concatenate([lower.reshape(-1, 3), upper.reshape(-1, 3)]).astype(np.int32)
 
 
-def patch(points: FloatArray) -> Mesh:
-    """A smooth surface through a grid of points (rows, columns, 3)."""
-    return Mesh.smooth(points.reshape(-1, 3), grid_faces(points.shape[0], points.shape[1]))
+def patch(points: FloatArray, *, round_rows: bool = False, round_columns: bool = False) -> Mesh:
+    """A smooth surface through a grid of points (rows, columns, 3).
+
+    round_rows, round_columns: the last row (column) closes up with the first without an edge.
+    """
+    vertices, faces = points.reshape(-1, 3), grid_faces(points.shape[0], points.shape[1])
+    corners = vertices[faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    mesh = Mesh.smooth(vertices, faces[area > 0])
+    normals = mesh.normals.reshape(points.shape).copy()
+    for is_round, grid in ((round_rows, normals), (round_columns, normals.swapaxes(0, 1))):
+        if is_round:
+            seam = grid[0] + grid[-1]
+            grid[0] = grid[-1] = seam / np.linalg.norm(seam, axis=-1, keepdims=True)
+    return Mesh(mesh.vertices, mesh.faces, normals.reshape(-1, 3))
 
 
 def quad(corner: tuple[float, ...], along: tuple[float, ...], across: tuple[float, ...]) -> Mesh:
@@ -63,20 +75,21 @@ def rod(radius: float, length: float, centre: tuple[float, float, float] = (0.0,
     circle = radius * np.stack([np.cos(angle), np.zeros_like(angle), np.sin(angle)], -1)
     heights = np.array([[0.0, y, 0.0] for y in np.linspace(-length / 2, length / 2, rings + 1)])
     sides = heights[:, None] + circle
-    return Mesh.join([patch(sides), *(patch(heights[end] + _SIDE_SHARES * circle) for end in (0, -1))]).moved(
-        translation=centre
-    )
+    return Mesh.join(
+        [patch(sides, round_columns=True), *(patch(heights[end] + _SIDE_SHARES * circle) for end in (0, -1))]
+    ).moved(translation=centre)
 
 
 @lru_cache(maxsize=1)
-def _icosphere() -> tuple[FloatArray, IndexArray]:
+def unit_sphere() -> tuple[FloatArray, IndexArray]:
+    """Vertices (V, 3) and faces (F, 3) of a finely and evenly divided sphere of radius 1."""
     ball = trimesh.creation.icosphere(subdivisions=_ICOSPHERE_SUBDIVISIONS)
     return np.array(ball.vertices, np.float64), np.array(ball.faces, np.int32)
 
 
 def sphere(rng: np.random.Generator) -> Mesh:
     """A sphere or a mild ellipsoid."""
-    vertices, faces = _icosphere()
+    vertices, faces = unit_sphere()
     axes = np.ones(3) if rng.random() < 0.5 else rng.uniform(0.65, 1.0, 3)
     return Mesh.smooth(vertices * axes, faces).unit()
 
@@ -94,12 +107,13 @@ def torus(rng: np.random.Generator) -> Mesh:
     tube = rng.uniform(0.3, 0.5)
     around, about = np.meshgrid(np.linspace(0, 2 * np.pi, 257), np.linspace(0, 2 * np.pi, 129), indexing="ij")
     distance = 1 + tube * np.cos(about)
-    return patch(np.stack([distance * np.cos(around), distance * np.sin(around), tube * np.sin(about)], -1)).unit()
+    ring = np.stack([distance * np.cos(around), distance * np.sin(around), tube * np.sin(about)], -1)
+    return patch(ring, round_rows=True, round_columns=True).unit()
 
 
 def blob(rng: np.random.Generator) -> Mesh:
     """A sphere deformed by noise, from a pebble to a lumpy figure."""
-    vertices, faces = _icosphere()
+    vertices, faces = unit_sphere()
     seed, depth, frequency = int(rng.integers(2**31)), rng.uniform(0.35, 0.8), rng.uniform(0.7, 1.35)
     offset = rng.uniform(-10, 10, 3)
     swell = fractal_noise(vertices * frequency + offset, seed, octaves=3, gain=0.28)
