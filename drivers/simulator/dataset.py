@@ -83,6 +83,8 @@ def simulate_dataset(
     """
     if samples < 1:
         raise DatasetError(f"a dataset needs at least one sample, not {samples}")
+    if seed < 0:
+        raise DatasetError(f"the seed must be zero or positive, not {seed}")
     simulated = _simulated(rig)
     for path in meshes:
         read_mesh(path)
@@ -98,7 +100,7 @@ def simulate_dataset(
             return capture.record.object_id or ""
 
         object_of: dict[str, str] = {}
-        with ThreadPoolExecutor(workers) as pool:
+        with ThreadPoolExecutor(max(1, workers)) as pool:
             try:
                 for index, name in enumerate(pool.map(make, range(samples))):
                     object_of[sample_id(index)] = name

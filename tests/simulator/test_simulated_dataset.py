@@ -138,6 +138,8 @@ def test_output_must_be_new_and_its_parent_old(tmp_path, quick):
         simulate_dataset(tmp_path / "no" / "set", 1, 0, SHORT, rig=quick)
     with pytest.raises(DatasetError, match="at least one"):
         simulate_dataset(tmp_path / "set", 0, 0, SHORT, rig=quick)
+    with pytest.raises(DatasetError, match="seed"):
+        simulate_dataset(tmp_path / "set", 1, -1, SHORT, rig=quick)
 
 
 def test_objects_may_come_from_mesh_files(tmp_path, quick):
