@@ -50,7 +50,8 @@ class Evaluation:
             for row, stages in self.mean_timings_s().items()
             if stages
         ]
-        return table_text(self.figures, self.intervals) + "\n" + "\n".join(timings)
+        intervals = self.intervals if len(self.samples) > 1 else None
+        return table_text(self.figures, intervals) + "\n" + "\n".join(timings)
 
     def as_json(self) -> dict[str, Any]:
         """JSON-ready: settings, rows, and per-sample figures, timings and failures."""

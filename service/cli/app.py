@@ -9,7 +9,13 @@ from typing import Annotated
 import typer
 
 from models.errors import DuofringeError
-from service.cli import console, demo, evaluate, import_set, patterns, reconstruct, simulate
+from service.cli import console
+from service.cli.demo import register as register_demo
+from service.cli.evaluate import register as register_evaluate
+from service.cli.import_set import register as register_import
+from service.cli.patterns import register as register_patterns
+from service.cli.reconstruct import register as register_reconstruct
+from service.cli.simulate import register as register_simulate
 
 FAILED = 1
 _DEBUG = "--debug"
@@ -32,8 +38,15 @@ def _common(
     context.obj = {"debug": debug}
 
 
-for module in (demo, reconstruct, evaluate, simulate, import_set, patterns):
-    module.register(app)
+for register in (
+    register_demo,
+    register_reconstruct,
+    register_evaluate,
+    register_simulate,
+    register_import,
+    register_patterns,
+):
+    register(app)
 
 
 def main(arguments: list[str] | None = None) -> None:

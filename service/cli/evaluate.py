@@ -19,7 +19,7 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    dataset: Annotated[Path, typer.Argument(help="Dataset, folder of captures, or one capture.")],
+    dataset: Annotated[Path, typer.Argument(metavar="DATASET", help="Dataset, folder of captures, or one capture.")],
     methods: Annotated[str, typer.Option(metavar="A,B", help=f"Methods, separated by commas: {' '.join(METHODS)}.")],
     split: Annotated[str, typer.Option(help="train, val, test, or all.")] = "test",
     matching: Annotated[

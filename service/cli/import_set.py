@@ -18,7 +18,7 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    folder: Annotated[Path, typer.Argument(help="Where the images of the set lie.")],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Where the images of the set lie.")],
     manifest: Annotated[Path, typer.Option(metavar="FILE", help="TOML description; see docs/foreign-captures.md.")],
     output: Annotated[Path, typer.Option(metavar="CAPTURE", help="New capture folder.")],
     json: Json = False,

@@ -35,7 +35,7 @@ def list_command(plan: Plan = "full", json: Json = False) -> None:
 
 
 def export_command(
-    dir: Annotated[Path, typer.Argument(help="New folder for the images.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="New folder for the images.")],
     plan: Plan = "full",
     raster: Raster = "diamond",
     json: Json = False,
@@ -43,7 +43,7 @@ def export_command(
     """Write each pattern of a plan as an 8-bit PNG of the projector's size, and manifest.json beside them."""
     from service.pattern_images import export_patterns
 
-    manifest = export_patterns(dir, plan, raster)
+    manifest = export_patterns(folder, plan, raster)
     size = manifest["raster"]
-    text = f"{dir}: {len(manifest['patterns'])} images of {size['columns']}x{size['rows']} mirrors, {size['kind']}"
-    console.result({"output": str(dir), **manifest}, text, as_json=json)
+    text = f"{folder}: {len(manifest['patterns'])} images of {size['columns']}x{size['rows']} mirrors, {size['kind']}"
+    console.result({"output": str(folder), **manifest}, text, as_json=json)

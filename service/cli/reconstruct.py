@@ -18,7 +18,7 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    capture: Annotated[Path, typer.Argument(help="Capture folder.")],
+    capture: Annotated[Path, typer.Argument(metavar="CAPTURE", help="Capture folder.")],
     method: Annotated[MethodName, typer.Option(help="Phase method.")],
     output: Annotated[
         Path, typer.Option(metavar="FILE", help="Result by suffix: .npz .ply .pcd .xyz .tiff (depth) .glb")
