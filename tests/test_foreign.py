@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
+import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import cv2
 import numpy as np
@@ -32,7 +34,7 @@ from hypothesis import strategies as st
 
 from models.capture import read_capture, write_capture
 from models.errors import CalibrationError, ManifestError
-from models.foreign import import_capture
+from models.foreign import Manifest, import_capture
 
 EXAMPLES = Path(__file__).parent.parent / "examples" / "manifests"
 
@@ -318,3 +320,18 @@ class TestRecordedSets:
         coefficients, *_ = np.linalg.lstsq(waves.T, composite, rcond=None)
         assert coefficients[1] > 0.05
         assert coefficients[2] > 0.05
+
+
+@pytest.mark.parametrize("name", ["stereo_small_mit", "composite_fringe_object"])
+def test_the_guide_shows_the_example_manifests_as_they_are(name: str) -> None:
+    guide = (EXAMPLES.parent.parent / "docs" / "foreign-captures.md").read_text(encoding="utf-8")
+    shown = [tomllib.loads(block) for block in re.findall(r"```toml\n(schema.*?)```", guide, re.DOTALL)]
+    assert tomllib.loads((EXAMPLES / f"{name}.toml").read_text(encoding="utf-8")) in shown
+
+
+@pytest.mark.parametrize("table", [Manifest, *(f.annotation for f in Manifest.model_fields.values())])
+def test_the_guide_lists_every_key(table: Any) -> None:
+    guide = (EXAMPLES.parent.parent / "docs" / "foreign-captures.md").read_text(encoding="utf-8")
+    for model in [table, *get_args(table)]:
+        for key, field in getattr(model, "model_fields", {}).items():
+            assert f"`{field.alias or key}`" in guide or f"`[{key}]`" in guide, key
