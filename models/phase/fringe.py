@@ -22,6 +22,8 @@ class FringePhase:
     texture: float32 (H, W), the scene without fringes, share of full scale.
     mask: uint8 (H, W), ``Reason``: UNLIT, LOW_MODULATION or SATURATED where the phase must not be used, else VALID.
     periods: fringe period of each carrier in projector columns.
+    misfit: float32 (H, W), rms of what fringes and texture leave unexplained in the image nearby, as a share of the
+    fringes' rms: near 0 on smooth surfaces, large at edges that the method smears over; None for methods that do not smear.
     column: float32 (H, W), absolute projector column u where Gray planes tell it, NaN elsewhere; None without them.
     """
 
@@ -29,6 +31,7 @@ class FringePhase:
     texture: torch.Tensor
     mask: torch.Tensor
     periods: tuple[float, ...]
+    misfit: torch.Tensor | None = None
     column: torch.Tensor | None = None
 
     @property

@@ -64,7 +64,7 @@ class NStep:
             gray_period = plan.of_kind("gray")[0].periods[0]
             column = absolute_column(carriers, periods, steps, code, gray_period, self.settings.tolerance)
         mask = self._mask(carriers, stacks, extremes)
-        return FringePhase(carriers, stacks["high"].mean(dim=0), mask, periods, column)
+        return FringePhase(carriers, stacks["high"].mean(dim=0), mask, periods, column=column)
 
     def _stack(self, capture: Capture, side: Side, kind: PatternKind) -> torch.Tensor:
         return torch.from_numpy(capture.stack(side, kind)).to(self.device)

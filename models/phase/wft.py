@@ -19,7 +19,7 @@ from models.patterns import PatternKind
 from models.phase.bands import FringeField, carrier_bands, fringe_field, spectral_field
 from models.phase.fringe import FringePhase
 from models.phase.nstep import SATURATION
-from models.phase.windowed_fourier import Band, Spectrum, Threshold, WindowedFourierFilter
+from models.phase.windowed_fourier import Band, Spectrum, Threshold, WindowedFourierFilter, low_pass
 from models.points import Reason
 
 
@@ -30,15 +30,16 @@ class WftSettings:
     window: standard deviation of the Gaussian window in fringes of the carrier (px = window * period in the image).
     rounds: filterings of each carrier; 1 is the plain filter. noise, first_relative, relative: see ``Threshold``; the
     first round is more selective because it hears the other carrier. minimum_modulation: share of full scale
-    below which a phase is noise.
+    below which a phase is noise. largest_misfit: ``FringePhase.misfit`` above which a pixel carries no phase.
     """
 
-    window: float = 0.7
-    rounds: int = 3
+    window: float = 0.6
+    rounds: int = 4
     noise: float = 3.0
     first_relative: float = 0.5
     relative: float = 0.2
     minimum_modulation: float = 0.006
+    largest_misfit: float = 4.0
 
 
 class WindowedFourierTransform:
@@ -94,8 +95,10 @@ class WindowedFourierTransform:
         turn = torch.polar(torch.ones(len(offsets)), torch.tensor(offsets)).to(self.device)
         mask = torch.zeros(image.shape[1:], dtype=torch.uint8, device=self.device)
         mask[(carriers.abs() < self.settings.minimum_modulation).any(dim=0)] = Reason.LOW_MODULATION
+        misfit = _misfit(image[0], carriers, texture)
+        mask[misfit > self.settings.largest_misfit] = Reason.LOW_MODULATION
         mask[image[0] >= SATURATION] = Reason.SATURATED
-        return FringePhase(oriented * turn[:, None, None], texture, mask, periods)
+        return FringePhase(oriented * turn[:, None, None], texture, mask, periods, misfit)
 
 
 @lru_cache(maxsize=16)
@@ -112,18 +115,25 @@ def separate(
     image: torch.Tensor, bands: list[Band], sigmas: list[float], margin: int, settings: WftSettings
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Carriers complex64 (C, H, W) and background float32 (H, W) of one image (1, H, W), share of full scale."""
-    background_sigma = max(sigmas)
-    reach = 0.5 / background_sigma
-    background_band = Band((-reach, reach), (-reach, reach))
     carriers = [torch.zeros_like(image, dtype=torch.complex64) for _ in bands]
     for turn in range(settings.rounds):
         rest = image - sum(c.real for c in carriers)
-        background = 0.5 * _apply(rest, background_band, background_sigma, margin, Threshold(0.0)).real
+        background = low_pass(rest, 0.7 * max(sigmas), margin)
         relative = settings.first_relative if turn == 0 and settings.rounds > 1 else settings.relative
         for index, (band, sigma) in enumerate(zip(bands, sigmas, strict=True)):
             others = sum((c.real for k, c in enumerate(carriers) if k != index), background)
             carriers[index] = _apply(image - others, band, sigma, margin, Threshold(settings.noise, relative))
     return torch.cat(carriers), background[0]
+
+
+def _misfit(image: torch.Tensor, carriers: torch.Tensor, texture: torch.Tensor) -> torch.Tensor:
+    """See ``FringePhase.misfit``; means over 5x5 pixels."""
+    unexplained = (image - texture - carriers.real.sum(dim=0)) ** 2
+    expected = 0.5 * (carriers.abs() ** 2).sum(dim=0)
+    means = torch.nn.functional.avg_pool2d(
+        torch.stack([unexplained, expected])[:, None], 5, stride=1, padding=2, count_include_pad=False
+    )[:, 0]
+    return (means[0] / means[1].clamp(min=1e-12)).sqrt()
 
 
 def _apply(image: torch.Tensor, band: Band, sigma: float, margin: int, threshold: Threshold) -> torch.Tensor:

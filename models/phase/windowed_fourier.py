@@ -75,6 +75,15 @@ def fast_length(minimum: int) -> int:
         length += 2
 
 
+def low_pass(images: torch.Tensor, sigma: float, margin: int) -> torch.Tensor:
+    """Gaussian mean of images (V, H, W) with standard deviation ``sigma`` px; borders are reflected."""
+    spectrum = Spectrum(images, margin)
+    height, width = spectrum.values.shape[-2:]
+    y = torch.fft.fftfreq(height, device=images.device)[:, None] * (2 * math.pi * sigma)
+    x = torch.fft.fftfreq(width, device=images.device) * (2 * math.pi * sigma)
+    return spectrum.crop_back(torch.fft.ifft2(spectrum.values * torch.exp(-0.5 * (x**2 + y**2))).real)
+
+
 class WindowedFourierFilter:
     """Windowed Fourier filter of one band for one padded size; built once, applied to many spectra.
 
@@ -90,7 +99,7 @@ class WindowedFourierFilter:
         self._rows = _Axis(padded[0], band.eta, sigma_y)
         self.window = torch.outer(self._rows.window, self._columns.window)
         self.coefficient_noise = math.sqrt(self._rows.energy * self._columns.energy)
-        self._gain = 2.0 / (self._rows.overlap * self._columns.overlap)
+        self._gain = 2.0 / (self._rows.response * self._columns.response)
 
     @property
     def frequencies(self) -> int:
@@ -149,5 +158,6 @@ class _Axis:
         self.extent = self.starts[-1] + crop
         self.covered = (torch.arange(self.extent) + self.bins[0] - crop // 2) % length
         self.energy = float((self.window**2).sum()) / length
-        spacing = (self.bins[-1] - self.bins[0]) / (len(self.bins) - 1) * bin_width if len(self.bins) > 1 else 1 / sigma
-        self.overlap = sum(math.exp(-((k * spacing * sigma) ** 2)) for k in range(-8, 9))
+        distance = (torch.arange(self.extent) - crop // 2)[:, None] - torch.tensor(self.starts)
+        # Scaling by the peak of the summed windows, not flattening the sum, keeps neighbouring bands apart.
+        self.response = float(torch.exp(-((distance * bin_width * sigma) ** 2)).sum(dim=1).max())

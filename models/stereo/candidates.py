@@ -42,6 +42,7 @@ class CandidateSettings:
     low_scale: rad of low-phase difference between the views that costs 1 (the paper's tau_l).
     high_scale, projector_low_scale: rad between a view's phases and those the projector shows at the candidate's point.
     texture_weight: cost of a relative texture difference of 1 between the views.
+    misfit_scale: misfit at which the evidence of a pixel counts half.
     limit: largest number of candidates a pixel keeps.
     """
 
@@ -49,6 +50,7 @@ class CandidateSettings:
     high_scale: float = 0.9
     projector_low_scale: float = 0.7
     texture_weight: float = 0.5
+    misfit_scale: float = 0.5
     limit: int = 32
 
 
@@ -67,13 +69,13 @@ def _bounded(residual, scale):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, parallel=True)
 def find_candidates(  # type: ignore[no-untyped-def]
-    phase_l, phase_r, usable_l, usable_r, texture_l, texture_r, frame, turn, depth_range, projector, periods, scales, limit
+    phase_l, phase_r, usable_l, usable_r, texture_l, texture_r, misfit_l, misfit_r, frame, turn, depth_range, projector, periods, scales, limit
 ):
     """Candidates of all left pixels; arrays as in ``RectifiedView``.
 
     frame: (focal, baseline, cx_left, cx_right, cy). turn: (3, 3), rectified to left-camera frame, by rows.
     projector: vector of ``pack_projection`` or empty without a projector. periods: fringe periods (C,).
-    scales: (low, high, projector_low, texture). Returns x_right, cost (h, w, limit) and count (h, w).
+    scales: (low, high, projector_low, texture, misfit). Returns x_right, cost (h, w, limit) and count (h, w).
     """
     carriers, height, width = phase_l.shape
     right_width = phase_r.shape[2]
@@ -128,8 +130,9 @@ def find_candidates(  # type: ignore[no-untyped-def]
                     if two_carriers:
                         middle = phase_l[1, y, x] + 0.5 * wrap(low_r - phase_l[1, y, x])
                         total += _bounded(wrap(_TWO_PI * u / periods[1] - middle), scales[2])
+                doubt = max(misfit_l[y, x], misfit_r[y, j] + t * (misfit_r[y, j + 1] - misfit_r[y, j])) / scales[4]
                 x_right[y, x, n] = right
-                cost[y, x, n] = total
+                cost[y, x, n] = total / (1.0 + doubt * doubt)
                 n += 1
             count[y, x] = n
     return x_right, cost, count

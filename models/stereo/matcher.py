@@ -53,7 +53,7 @@ class MatcherSettings:
     """jump_cost: cost of changing the fringe along a path. ambiguity: a runner-up dearer by less makes a pixel ambiguous."""
 
     candidates: CandidateSettings = field(default_factory=CandidateSettings)
-    jump_cost: float = 1.2
+    jump_cost: float = 4.0
     ambiguity: float = 0.1
 
 
@@ -84,12 +84,12 @@ class PhaseMatcher:
         periods: tuple[float, ...],
     ) -> Candidates:
         s = self.settings.candidates
-        scales = np.array([s.low_scale, s.high_scale, s.projector_low_scale, s.texture_weight])
+        scales = np.array([s.low_scale, s.high_scale, s.projector_low_scale, s.texture_weight, s.misfit_scale])
         limit = min(s.limit, _most_candidates(right, rectification, depth_range))
         frame, turn = kernel_frame(rectification)
         found = find_candidates(
             left.phase, right.phase, left.usable, right.usable, left.texture, right.texture,
-            frame, turn, np.array(depth_range), projector, np.array(periods), scales, limit,
+            left.misfit, right.misfit, frame, turn, np.array(depth_range), projector, np.array(periods), scales, limit,
         )  # fmt: skip
         return Candidates(*found)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import torch
 
 from models.geometry.rectification import Rectification
 from models.geometry.rig import Side
@@ -22,6 +23,7 @@ class RectifiedView:
     """One view on its canvas (h, w).
 
     phase: float32 (C, h, w) wrapped, rad. modulation: float32 (C, h, w). texture: float32 (h, w).
+    misfit: float32 (h, w), see ``FringePhase``; zeros where the method tells none.
     usable: bool (h, w), every sensor pixel that contributes carries a phase.
     column: float32 (h, w), absolute projector column, NaN where unknown; None without Gray planes.
     """
@@ -29,6 +31,7 @@ class RectifiedView:
     phase: Float32Array
     modulation: Float32Array
     texture: Float32Array
+    misfit: Float32Array
     usable: npt.NDArray[np.bool_]
     column: Float32Array | None
 
@@ -42,7 +45,8 @@ def _rectify_view(view: FringePhase, sensor_map: Float32Array) -> RectifiedView:
     carriers = view.carriers.cpu().numpy()
     usable = (view.mask == int(Reason.VALID)).cpu().numpy()
     channels = [part for carrier in carriers for part in (carrier.real, carrier.imag)]
-    channels.append(view.texture.cpu().numpy())
+    misfit = torch.zeros_like(view.texture) if view.misfit is None else view.misfit.clamp(max=9.0)
+    channels += [view.texture.cpu().numpy(), misfit.cpu().numpy()]
     if view.column is not None:
         column = view.column.cpu().numpy()
         usable = usable & np.isfinite(column)
@@ -55,6 +59,7 @@ def _rectify_view(view: FringePhase, sensor_map: Float32Array) -> RectifiedView:
         phase=np.angle(fields).astype(np.float32),
         modulation=np.abs(fields).astype(np.float32),
         texture=resampled[2 * len(carriers)],
+        misfit=np.maximum(resampled[2 * len(carriers) + 1], 0.0),
         usable=inside,
         column=None if view.column is None else resampled[-1],
     )
