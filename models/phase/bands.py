@@ -47,8 +47,8 @@ def fringe_field(rig: Rig, camera: Device, depth_range: tuple[float, float]) -> 
     if x_slopes.size == 0:
         return None
     sign = 1 if np.median(x_slopes) > 0 else -1
-    low, middle, high = np.percentile(sign * x_slopes, [4, 50, 96]) * 2 * np.pi
-    eta = np.percentile(sign * y_slopes, [4, 96]) * 2 * np.pi
+    low, middle, high = np.percentile(sign * x_slopes, [2, 50, 98]) * 2 * np.pi
+    eta = np.percentile(sign * y_slopes, [1, 99]) * 2 * np.pi
     return FringeField((float(low), float(middle), float(high)), (float(eta[0]), float(eta[1])), sign)
 
 
@@ -77,7 +77,9 @@ def carrier_bands(field: FringeField, periods: tuple[float, ...]) -> list[Band]:
         zeta_low, zeta_high = low / period, min(high / period, 0.9 * math.pi)
         if len(periods) == 2:
             border = middle / math.sqrt(periods[0] * periods[1])
-            zeta_low, zeta_high = (max(zeta_low, border), zeta_high) if period == min(periods) else (zeta_low, min(zeta_high, border))
+            zeta_low, zeta_high = (
+                (max(zeta_low, border), zeta_high) if period == min(periods) else (zeta_low, min(zeta_high, border))
+            )
         bands.append(Band((zeta_low, zeta_high), (field.eta[0] / period, field.eta[1] / period)))
     return bands
 

@@ -30,16 +30,19 @@ class WftSettings:
     window: standard deviation of the Gaussian window in fringes of the carrier (px = window * period in the image).
     rounds: filterings of each carrier; 1 is the plain filter. noise, first_relative, relative: see ``Threshold``; the
     first round is more selective because it hears the other carrier. minimum_modulation: share of full scale
-    below which a phase is noise. largest_misfit: ``FringePhase.misfit`` above which a pixel carries no phase.
+    below which a phase is noise. largest_misfit: ``FringePhase.misfit`` above which a pixel carries no phase. darkest: share of the
+    brightness that texture and fringes predict within a fringe, below which a pixel is unlit: the window smears fringes
+    over the dark beside an object.
     """
 
-    window: float = 0.6
+    window: float = 0.4
     rounds: int = 4
-    noise: float = 3.0
+    noise: float = 2.0
     first_relative: float = 0.5
     relative: float = 0.2
-    minimum_modulation: float = 0.006
+    minimum_modulation: float = 0.001
     largest_misfit: float = 4.0
+    darkest: float = 0.35
 
 
 class WindowedFourierTransform:
@@ -90,12 +93,16 @@ class WindowedFourierTransform:
         bands = carrier_bands(field, periods)
         sigmas = [self.settings.window * 2 * torch.pi * period / field.zeta[1] for period in periods]
         margin = int(min(2 * max(sigmas), min(image.shape[-2:]) / 4))
+        fringe_px = 2 * torch.pi * max(periods) / field.zeta[1]
         carriers, texture = separate(image, bands, sigmas, margin, self.settings)
         oriented = carriers if field.sign > 0 else carriers.conj().resolve_conj()
         turn = torch.polar(torch.ones(len(offsets)), torch.tensor(offsets)).to(self.device)
         mask = torch.zeros(image.shape[1:], dtype=torch.uint8, device=self.device)
         mask[(carriers.abs() < self.settings.minimum_modulation).any(dim=0)] = Reason.LOW_MODULATION
         misfit = _misfit(image[0], carriers, texture)
+        mask[_brightest_nearby(image[0], fringe_px) < self.settings.darkest * (texture + carriers.abs().sum(dim=0))] = (
+            Reason.UNLIT
+        )
         mask[misfit > self.settings.largest_misfit] = Reason.LOW_MODULATION
         mask[image[0] >= SATURATION] = Reason.SATURATED
         return FringePhase(oriented * turn[:, None, None], texture, mask, periods, misfit)
@@ -124,6 +131,12 @@ def separate(
             others = sum((c.real for k, c in enumerate(carriers) if k != index), background)
             carriers[index] = _apply(image - others, band, sigma, margin, Threshold(settings.noise, relative))
     return torch.cat(carriers), background[0]
+
+
+def _brightest_nearby(image: torch.Tensor, fringe_px: float) -> torch.Tensor:
+    """Largest value within a fringe along the row, (H, W)."""
+    half = min(round(fringe_px / 2), image.shape[1] // 2)
+    return torch.nn.functional.max_pool2d(image[None, None], (1, 2 * half + 1), stride=1, padding=(0, half))[0, 0]
 
 
 def _misfit(image: torch.Tensor, carriers: torch.Tensor, texture: torch.Tensor) -> torch.Tensor:

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from models.stereo.candidates import Candidates
 
 Float32Array = npt.NDArray[np.float32]
+PATHS = 8
 _FREE_STEP = 1.6
 """Canvas columns by which a continuous surface may leave its fronto-parallel continuation in one pixel."""
 
@@ -25,7 +26,7 @@ def aggregate(candidates: Candidates, jump_cost: float) -> Float32Array:
     """
     total = np.zeros_like(candidates.cost)
     x, cost, count = candidates.x_right, candidates.cost, candidates.count
-    for dy, dx in ((0, 1), (0, -1)):
+    for dx in (1, -1):
         _along_rows(x, cost, count, total, dx, np.float32(jump_cost))
     for dy, dx in ((1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)):
         _across_rows(x, cost, count, total, dy, dx, np.float32(jump_cost))
@@ -92,3 +93,28 @@ def _across_rows(x, cost, count, total, dy, dx, jump):  # type: ignore[no-untype
             _step(x[previous, p], paths[before, p], m, x[y, c], cost[y, c], n, dx, jump, paths[now, c])
             for i in range(n):
                 total[y, c, i] += paths[now, c, i]
+
+
+@numba.njit(cache=True, parallel=True)
+def cheapest(total, count):  # type: ignore[no-untyped-def]
+    """Index (uint8) of the candidate with the smallest aggregated cost, and how much dearer the runner-up is (inf without).
+
+    total: float32 (h, w, K). count: uint8 (h, w). Both results are (h, w); the index is 0 where there is no candidate.
+    """
+    height, width = count.shape
+    index = np.zeros((height, width), np.uint8)
+    margin = np.full((height, width), np.inf, np.float32)
+    for y in numba.prange(height):
+        for x in range(width):
+            best = np.float32(np.inf)
+            second = np.float32(np.inf)
+            for i in range(count[y, x]):
+                if total[y, x, i] < best:
+                    second = best
+                    best = total[y, x, i]
+                    index[y, x] = i
+                elif total[y, x, i] < second:
+                    second = total[y, x, i]
+            if count[y, x] > 1:
+                margin[y, x] = second - best
+    return index, margin

@@ -15,7 +15,7 @@ from models.geometry.rig import Rig, Side
 from models.phase.fringe import FringePhase
 from models.points import Reason
 from models.stereo.absolute import match_columns
-from models.stereo.aggregate import aggregate
+from models.stereo.aggregate import PATHS, aggregate, cheapest
 from models.stereo.candidates import Candidates, CandidateSettings, find_candidates
 from models.stereo.rectified import RectifiedView, rectify_phases
 
@@ -29,13 +29,14 @@ class CanvasMatches:
     """Matches of the left canvas (h, w): right canvas column (float32, NaN where none) and the reason where none.
 
     cost: float32, of the chosen candidate (0 for absolute matches). margin: float32, by how much the runner-up
-    is dearer a path; inf where there is none.
+    is dearer a path; inf where there is none. right: the right view on its canvas, in which the matches lie.
     """
 
     x_right: Float32Array
     reason: npt.NDArray[np.uint8]
     cost: Float32Array
     margin: Float32Array
+    right: RectifiedView
 
 
 class Matcher(Protocol):
@@ -50,11 +51,16 @@ class Matcher(Protocol):
 
 @dataclass(frozen=True)
 class MatcherSettings:
-    """jump_cost: cost of changing the fringe along a path. ambiguity: a runner-up dearer by less makes a pixel ambiguous."""
+    """jump_cost: cost of changing the fringe along a path. ambiguity: a runner-up dearer by less makes a pixel ambiguous.
+
+    range_margin: share of the depth range, in inverse depth, searched beyond either end, so that what stands outside
+    is found there and not mistaken for an alias inside. Only with the projector: the pair alone has too many aliases.
+    """
 
     candidates: CandidateSettings = field(default_factory=CandidateSettings)
-    jump_cost: float = 4.0
+    jump_cost: float = 6.0
     ambiguity: float = 0.1
+    range_margin: float = 0.3
 
 
 class PhaseMatcher:
@@ -71,8 +77,10 @@ class PhaseMatcher:
         projector = pack_projection(rig.projector) if self.name == "trinocular" and rig.projector else np.zeros(0)
         if left.column is not None and right.column is not None:
             return _match_absolute(left, right, rectification, depth_range, projector)
+        if projector.size > 0:
+            depth_range = _widened(depth_range, self.settings.range_margin)
         candidates = self._candidates(left, right, rectification, depth_range, projector, phases["left"].periods)
-        return self._choose(candidates, left)
+        return self._choose(candidates, left, right)
 
     def _candidates(
         self,
@@ -93,23 +101,23 @@ class PhaseMatcher:
         )  # fmt: skip
         return Candidates(*found)
 
-    def _choose(self, candidates: Candidates, left: RectifiedView) -> CanvasMatches:
+    def _choose(self, candidates: Candidates, left: RectifiedView, right: RectifiedView) -> CanvasMatches:
         total = aggregate(candidates, self.settings.jump_cost)
-        slots = np.arange(total.shape[2], dtype=np.uint8)
-        total = np.where(slots < candidates.count[..., None], total, np.float32(np.inf))
-        order = np.argpartition(total, min(1, total.shape[2] - 1), axis=2)[..., :2]
-        best = np.take_along_axis(total, order, axis=2)
-        chosen = order[..., :1]
-        with np.errstate(invalid="ignore"):
-            margin = (best[..., -1] - best[..., 0]) / 8 if best.shape[2] > 1 else np.full(left.usable.shape, np.inf)
-            margin = np.where(np.isfinite(margin), margin, np.inf).astype(np.float32)
+        index, surplus = cheapest(total, candidates.count)
+        margin = surplus / np.float32(PATHS)
         reason = np.full(left.usable.shape, int(Reason.NO_MATCH), np.uint8)
         reason[candidates.count > 0] = int(Reason.VALID)
         reason[(candidates.count > 0) & (margin < self.settings.ambiguity)] = int(Reason.AMBIGUOUS)
-        x_right = np.take_along_axis(candidates.x_right, chosen, axis=2)[..., 0]
-        cost = np.take_along_axis(candidates.cost, chosen, axis=2)[..., 0]
+        x_right = np.take_along_axis(candidates.x_right, index[..., None], axis=2)[..., 0]
+        cost = np.take_along_axis(candidates.cost, index[..., None], axis=2)[..., 0]
         x_right = np.where(reason == int(Reason.VALID), x_right, np.float32(np.nan))
-        return CanvasMatches(x_right, reason, cost, margin)
+        return CanvasMatches(x_right, reason, cost, margin, right)
+
+
+def _widened(depth_range: tuple[float, float], margin: float) -> tuple[float, float]:
+    near, far = 1 / depth_range[0], 1 / depth_range[1]
+    reach = margin * (near - far)
+    return 1 / (near + reach), 1 / max(far - reach, 0.2 * far)
 
 
 def _match_absolute(
@@ -126,7 +134,7 @@ def _match_absolute(
         left.column, right.column, left.usable, right.usable, frame, turn, np.array(depth_range), projector
     )
     nothing = np.zeros(x_right.shape, np.float32)
-    return CanvasMatches(x_right, reason, nothing, np.full_like(nothing, np.inf))
+    return CanvasMatches(x_right, reason, nothing, np.full_like(nothing, np.inf), right)
 
 
 def kernel_frame(rectification: Rectification) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:

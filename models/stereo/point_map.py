@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -15,7 +16,6 @@ from models.normals import estimate_normals
 from models.phase.fringe import FringePhase
 from models.points import Origin, PointMap, Reason
 from models.stereo.matcher import CanvasMatches
-from models.stereo.rectified import rectify_phases
 from models.stereo.sensor_grid import refine_on_sensor
 from models.stereo.surfaces import claimed_twice, label_surfaces
 
@@ -31,14 +31,21 @@ class RejectionSettings:
     low: rad the low phases of the two views may differ by at the match. projector: rad the high phase may differ from the one
     the projector shows at the point. smallest_surface: pixels; smaller connected surfaces are dropped. step: px of
     disparity within which neighbouring pixels are one surface. claim: px of disparity within which two pixels may share a
-    right pixel. carrier_weights: relative inverse phase variance of (high, low) when the match is refined.
+    right pixel. jump, jump_reach, jump_misfit: px of disparity that make an occluding edge, px from it within which, and
+    misfit above which, a match may be the other surface's smeared phase. rim_reach, rim_misfit: likewise at any rim
+    of what matched. carrier_weights: relative inverse phase variance of (high, low) when the match is refined.
     """
 
-    low: float = 1.2
+    low: float = 2.0
     projector: float = 1.2
     smallest_surface: int = 400
     step: float = 1.0
     claim: float = 2.5
+    jump: float = 5.0
+    jump_reach: float = 2.0
+    jump_misfit: float = 0.5
+    rim_reach: float = 2.0
+    rim_misfit: float = 1.5
     carrier_weights: tuple[float, float] = (1.0, 0.0)
 
 
@@ -58,7 +65,7 @@ def build_point_map(
     """
     left = phases["left"]
     rectification = rectify(rig)
-    right = rectify_phases({"right": phases["right"]}, rectification)["right"]
+    right = matches.right
     wrapped = left.wrapped.cpu().numpy()
     modulation = left.modulation.cpu().numpy()
     mask = left.mask.cpu().numpy().astype(np.uint8)
@@ -84,14 +91,24 @@ def build_point_map(
             doubtful |= matched & ~(np.abs(residual) <= settings.projector)
     disparity = np.where(matched & ~outside & ~doubtful, x_right - canvas[..., 0], np.nan)
     quality = (low / settings.low) ** 2 + (residual / settings.projector) ** 2
+    if left.misfit is not None:
+        quality += left.misfit.cpu().numpy() ** 2
     twice = claimed_twice(
         canvas[..., 0], np.where(np.isnan(disparity), np.nan, x_right), canvas[..., 1], quality.astype(np.float32),
         right.usable.shape[0], right.usable.shape[1], settings.claim,
     )  # fmt: skip
     disparity[twice] = np.nan
+    smeared = np.zeros_like(twice)
+    if left.misfit is not None:
+        smeared = smeared_edges(disparity, left.misfit.cpu().numpy(), settings)
+        disparity[smeared] = np.nan
     labels, sizes = label_surfaces(disparity, settings.step)
     small = (labels >= 0) & (np.append(sizes, 0)[labels] < settings.smallest_surface)
-    for flag, why in ((doubtful | twice, Reason.AMBIGUOUS), (small, Reason.ISOLATED), (outside, Reason.OUT_OF_RANGE)):
+    for flag, why in (
+        (doubtful | twice | smeared, Reason.AMBIGUOUS),
+        (small, Reason.ISOLATED),
+        (outside, Reason.OUT_OF_RANGE),
+    ):
         reason[flag] = why
     valid = reason == Reason.VALID
     kept = np.where(valid[..., None], points, np.nan).astype(np.float32)
@@ -110,6 +127,25 @@ def build_point_map(
     )
 
 
+def smeared_edges(disparity: Float64Array, misfit: Float32Array, settings: RejectionSettings) -> npt.NDArray[np.bool_]:
+    """Pixels (H, W) near an occluding edge or a rim whose image the fringes do not explain.
+
+    A windowed method carries a bright surface's fringes a few pixels over the edge of a darker one.
+    disparity: px, NaN where there is no match.
+    """
+    matched = np.isfinite(disparity)
+    filled = disparity.astype(np.float32)
+    square = np.ones((3, 3), np.uint8)
+    nearest = cv2.dilate(np.where(matched, filled, np.float32(-1e6)), square)
+    farthest = cv2.erode(np.where(matched, filled, np.float32(1e6)), square)
+    jump = matched & (nearest - farthest > settings.jump)
+    from_jump = cv2.distanceTransform((~jump).astype(np.uint8), cv2.DIST_L2, 5)
+    from_rim = cv2.distanceTransform(matched.astype(np.uint8), cv2.DIST_L2, 5)
+    at_jump = (from_jump < settings.jump_reach) & (misfit > settings.jump_misfit)
+    at_rim = (np.minimum(from_rim, from_jump) < settings.rim_reach) & (misfit > settings.rim_misfit)
+    return np.asarray(matched & (at_jump | at_rim))
+
+
 def projector_residual(points: Float64Array, view: FringePhase, rig: Rig) -> Float64Array:
     """High phase of a view minus the phase that the projector shows at its points, wrapped, rad, (H, W); NaN without a point."""
     assert rig.projector is not None
@@ -118,7 +154,9 @@ def projector_residual(points: Float64Array, view: FringePhase, rig: Rig) -> Flo
     return np.asarray((difference + np.pi) % _TWO_PI - np.pi)
 
 
-def _inherited_reasons(mask: npt.NDArray[np.uint8], matches: CanvasMatches, canvas: Float64Array) -> npt.NDArray[np.uint8]:
+def _inherited_reasons(
+    mask: npt.NDArray[np.uint8], matches: CanvasMatches, canvas: Float64Array
+) -> npt.NDArray[np.uint8]:
     """The left view's own reasons, and the canvas's where the view had none."""
     height, width = matches.reason.shape
     x = np.clip(np.rint(canvas[..., 0]).astype(np.intp), 0, width - 1)
