@@ -31,20 +31,17 @@ def decode_gray(
 ) -> GrayCode:
     """Decode planes (B, H, W), most significant first.
 
-    Each plane is compared with its complement where captured, else with (white + black) / 2. Without either, with the
-    middle of the brightest and darkest plane at the pixel, which fails at pixels where all planes are alike: those
-    get margin 0.
+    Each plane is compared with its complement where captured, else with (white + black) / 2. The brightest or darkest
+    plane at a pixel stands in for a level that is not given; pixels where all planes are alike then get margin 0.
     """
     if inverse is not None:
         contrast = planes - inverse
         span = contrast.abs().amax(dim=0)
-    elif white is not None and black is not None:
-        contrast = 2 * planes - (white + black)
-        span = white - black
     else:
-        high, low = planes.amax(dim=0), planes.amin(dim=0)
-        contrast = 2 * planes - (high + low)
-        span = high - low
+        bright = planes.amax(dim=0) if white is None else white
+        dark = planes.amin(dim=0) if black is None else black
+        contrast = 2 * planes - (bright + dark)
+        span = bright - dark
     bits = (contrast > 0).to(torch.int64)
     certainty = (contrast.abs() / span.clamp(min=1e-6)).clamp(max=1.0)
     certainty = torch.where(span > 1e-3, certainty, 0.0)

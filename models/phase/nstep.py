@@ -57,9 +57,9 @@ class NStep:
         column = None
         if plan.of_kind("gray"):
             inverse = self._stack(capture, side, "gray_inv") if plan.of_kind("gray_inv") else None
-            code = decode_gray(
-                self._stack(capture, side, "gray"), inverse=inverse, white=extremes["white"], black=extremes["black"]
-            )
+            planes = self._stack(capture, side, "gray")
+            black = _true_black(extremes["black"], stacks["high"], planes)
+            code = decode_gray(planes, inverse=inverse, white=extremes["white"], black=black)
             steps = tuple(len(plan.of_kind(kind)) for kind in kinds)
             gray_period = plan.of_kind("gray")[0].periods[0]
             column = absolute_column(carriers, periods, steps, code, gray_period, self.settings.tolerance)
@@ -79,7 +79,18 @@ class NStep:
         mask[(carriers.abs() < self.settings.minimum_modulation).any(dim=0)] = Reason.LOW_MODULATION
         white, black = extremes["white"], extremes["black"]
         if white is not None and black is not None:
-            mask[white - black < self.settings.minimum_light] = Reason.UNLIT
+            # An ambient-light frame taken for black (see _true_black) must not make lit pixels count as unlit.
+            mask[white - torch.minimum(black, stacks["high"].mean(dim=0)) < self.settings.minimum_light] = Reason.UNLIT
         brightest = torch.stack([stack.amax(dim=0) for stack in stacks.values()]).amax(dim=0)
         mask[brightest >= SATURATION] = Reason.SATURATED
         return mask
+
+
+def _true_black(black: torch.Tensor | None, fringes: torch.Tensor, planes: torch.Tensor) -> torch.Tensor:
+    """Level (H, W) of a dark Gray stripe: the black frame, or the darkest of the other frames where that is no black.
+
+    A frame without projector light is darker than the fringes' mean. Recorded sets exist whose unlit frame was taken with
+    the room's lamps on and is brighter than many lit ones; a threshold from it would flip Gray bits.
+    """
+    darkest = torch.minimum(fringes.amin(dim=0), planes.amin(dim=0))
+    return darkest if black is None else torch.where(black < fringes.mean(dim=0), black, darkest)
