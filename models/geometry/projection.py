@@ -27,10 +27,8 @@ def _tilt(tau_x: float, tau_y: float) -> FloatArray:
     """Matrix of OpenCV's tilted sensor model (the identity without tilt)."""
     cx, sx, cy, sy = math.cos(tau_x), math.sin(tau_x), math.cos(tau_y), math.sin(tau_y)
     rotation = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]]) @ np.array([[1, 0, 0], [0, cx, sx], [0, -sx, cx]])
-    corner = np.array(
-        [[rotation[2, 2], 0, -rotation[0, 2]], [0, rotation[2, 2], -rotation[1, 2]], [0, 0, 1]]
-    )
-    return corner @ rotation
+    corner = np.array([[rotation[2, 2], 0, -rotation[0, 2]], [0, rotation[2, 2], -rotation[1, 2]], [0, 0, 1]])
+    return np.asarray(corner @ rotation, np.float64)
 
 
 @numba.njit(cache=True, fastmath=False, inline="always")

@@ -1,7 +1,8 @@
 """Epipolar rectification on canvases that cover the whole field of both cameras.
 
 OpenCV's default keeps the canvas at sensor size and cuts off what toed-in cameras see in common; here each view gets
-the canvas it needs. Rectified frame: x along the baseline from the left to the right camera, z between the optical axes.
+the canvas it needs. Rectified frame: x along the baseline from the left to the right camera, z between the optical
+axes.
 """
 
 from __future__ import annotations
@@ -66,7 +67,10 @@ class Rectification:
 
 @lru_cache(maxsize=8)
 def rectify(rig: Rig) -> Rectification:
-    """Build the rectification of a rig, once per rig object. Raises CalibrationError for cameras that cannot be rectified."""
+    """Build the rectification of a rig, once per rig object.
+
+    Raises CalibrationError for cameras that cannot be rectified.
+    """
     rotation = _rectifying_rotation(rig)
     focal = float(np.mean([d.fx for d in rig.cameras.values()] + [d.fy for d in rig.cameras.values()]))
     boxes = {side: _footprint(device, rotation, focal) for side, device in rig.cameras.items()}
@@ -98,7 +102,9 @@ def _rectifying_rotation(rig: Rig) -> FloatArray:
     forward = rig.left.rotation[2] + rig.right.rotation[2]
     y_axis = np.cross(forward, x_axis)
     if np.linalg.norm(y_axis) < 0.2 * np.linalg.norm(forward) or np.linalg.norm(forward) < 0.2:
-        raise CalibrationError("one camera looks along the baseline or away from the other; the rig cannot be rectified")
+        raise CalibrationError(
+            "one camera looks along the baseline or away from the other; the rig cannot be rectified"
+        )
     y_axis = y_axis / np.linalg.norm(y_axis)
     return np.stack([x_axis, y_axis, np.cross(x_axis, y_axis)])
 
@@ -107,7 +113,9 @@ def _footprint(device: Device, rotation: FloatArray, focal: float) -> FloatArray
     """Bounding box [[x0, y0], [x1, y1]] of a sensor's border on the rectified plane, px about the principal point."""
     w, h = device.width - 1.0, device.height - 1.0
     t = np.linspace(0, 1, 65)
-    border = np.concatenate([np.stack(p, -1) for p in ((w * t, 0 * t), (w * t, h + 0 * t), (0 * t, h * t), (w + 0 * t, h * t))])
+    border = np.concatenate(
+        [np.stack(p, -1) for p in ((w * t, 0 * t), (w * t, h + 0 * t), (0 * t, h * t), (w + 0 * t, h * t))]
+    )
     rays = device.rays(border) @ rotation.T
     if (rays[:, 2] < 0.1).any():
         raise CalibrationError(f"{device.name} camera: part of the sensor looks away from the rectified view")

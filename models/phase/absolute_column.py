@@ -1,9 +1,9 @@
 """Absolute projector column from wrapped phases and Gray code words.
 
-The coarse code says which cell of ``gray_period`` columns a pixel lies in; the high phase says where in its fringe.
-Of the fringe orders that touch the cell (or its rival's, where a plane is in doubt) the one is taken that the low phase supports.
-At a word's edge, where a blurred plane cannot tell, neighbouring orders lie far apart in low phase (2.24 rad for 9 and
-14 columns), so the low phase settles it. Where nothing settles it the pixel stays without a column.
+The coarse code says which cell of ``gray_period`` columns a pixel lies in; the high phase says where in its fringe. Of
+the fringe orders that touch the cell (or its rival's, where a plane is in doubt) the one is taken that the low phase
+supports. At a word's edge, where a blurred plane cannot tell, neighbouring orders lie far apart in low phase (2.24 rad
+for 9 and 14 columns), so the low phase settles it. Where nothing settles it the pixel stays without a column.
 """
 
 from __future__ import annotations
@@ -59,7 +59,9 @@ def absolute_column(
         cost = torch.where(possible, cost, torch.inf)
         same = (column - best).abs() < 0.5 * high_period
         better = cost < best_cost
-        second_cost = torch.where(better & ~same, best_cost, torch.where(~better & ~same, torch.minimum(second_cost, cost), second_cost))
+        second_cost = torch.where(
+            better & ~same, best_cost, torch.where(~better & ~same, torch.minimum(second_cost, cost), second_cost)
+        )
         best = torch.where(better, column, best)
         best_cost = torch.minimum(best_cost, cost)
     settled = torch.isfinite(best_cost) & (second_cost > best_cost + 1.0) & (code.second_margin >= CERTAIN)

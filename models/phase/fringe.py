@@ -18,13 +18,12 @@ class FringePhase:
     """Phase and modulation of one view on its sensor grid (H, W).
 
     carriers: complex64 (C, H, W), high carrier first, C = 1 or 2: angle is the wrapped phase 2 pi u / period mod 2 pi,
-    absolute value the modulation as a share of the sensor's full scale.
-    texture: float32 (H, W), the scene without fringes, share of full scale.
-    mask: uint8 (H, W), ``Reason``: UNLIT, LOW_MODULATION or SATURATED where the phase must not be used, else VALID.
-    periods: fringe period of each carrier in projector columns.
-    misfit: float32 (H, W), rms of what fringes and texture leave unexplained in the image nearby, as a share of the
-    fringes' rms: near 0 on smooth surfaces, large at edges that the method smears over; None for methods that do not smear.
-    column: float32 (H, W), absolute projector column u where Gray planes tell it, NaN elsewhere; None without them.
+    absolute value the modulation as a share of the sensor's full scale. texture: float32 (H, W), the scene without
+    fringes, share of full scale. mask: uint8 (H, W), ``Reason``: UNLIT, LOW_MODULATION or SATURATED where the phase
+    must not be used, else VALID. periods: fringe period of each carrier in projector columns. misfit: float32 (H, W),
+    rms of what fringes and texture leave unexplained in the image nearby, as a share of the fringes' rms: near 0 on
+    smooth surfaces, large at edges that the method smears over; None for methods that do not smear. column: float32
+    (H, W), absolute projector column u where Gray planes tell it, NaN elsewhere; None without them.
     """
 
     carriers: torch.Tensor

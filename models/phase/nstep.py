@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 
@@ -22,11 +22,11 @@ SATURATION = 0.998
 
 @dataclass(frozen=True)
 class NStepSettings:
-    """minimum_modulation: share of full scale below which a phase is noise. minimum_light: white minus black, likewise."""
+    """minimum_modulation: share of full scale below which a phase is noise. minimum_light: of white minus black."""
 
     minimum_modulation: float = 0.005
     minimum_light: float = 0.010
-    tolerance: UnwrapTolerance = UnwrapTolerance()
+    tolerance: UnwrapTolerance = field(default_factory=UnwrapTolerance)
 
 
 class NStep:
@@ -89,8 +89,8 @@ class NStep:
 def _true_black(black: torch.Tensor | None, fringes: torch.Tensor, planes: torch.Tensor) -> torch.Tensor:
     """Level (H, W) of a dark Gray stripe: the black frame, or the darkest of the other frames where that is no black.
 
-    A frame without projector light is darker than the fringes' mean. Recorded sets exist whose unlit frame was taken with
-    the room's lamps on and is brighter than many lit ones; a threshold from it would flip Gray bits.
+    A frame without projector light is darker than the fringes' mean. Recorded sets exist whose unlit frame was taken
+    with the room's lamps on and is brighter than many lit ones; a threshold from it would flip Gray bits.
     """
     darkest = torch.minimum(fringes.amin(dim=0), planes.amin(dim=0))
     return darkest if black is None else torch.where(black < fringes.mean(dim=0), black, darkest)

@@ -1,8 +1,8 @@
 """Windowed Fourier filtering on the decimated grid (paper, eq:window fourier transform .. eq:phase).
 
-One band is the sum over its frequencies of threshold(f * g) * g with a Gaussian window g. Every f * g is narrow-band, so it needs no
-more samples than its Gaussian has spectrum: crop the image's spectrum about the frequency, transform the small crop back, threshold,
-transform forth, and add it into the spectrum where it came from.
+One band is the sum over its frequencies of threshold(f * g) * g with a Gaussian window g. Every f * g is narrow-band,
+so it needs no more samples than its Gaussian has spectrum: crop the image's spectrum about the frequency, transform
+the small crop back, threshold, transform forth, and add it into the spectrum where it came from.
 """
 
 from __future__ import annotations
@@ -111,7 +111,8 @@ class WindowedFourierFilter:
         window = self.window.to(spectrum.device)
         crops = spectrum[:, self._rows.indices[:, None, :, None], self._columns.indices[None, :, None, :]]
         scale = window.numel() / (self.padded[0] * self.padded[1])
-        return torch.fft.ifft2(crops * (window * scale))
+        coefficients: torch.Tensor = torch.fft.ifft2(crops * (window * scale))
+        return coefficients
 
     def synthesise(self, coefficients: torch.Tensor) -> torch.Tensor:
         """Complex field of the band on the padded grid, complex64 (V, Hp, Wp); inverse of ``coefficients``."""
@@ -127,7 +128,8 @@ class WindowedFourierFilter:
         tall.index_add_(1, rows.covered.to(band.device), band)
         full = band.new_zeros(len(crops), *self.padded)
         full.index_add_(2, columns.covered.to(band.device), tall)
-        return torch.fft.ifft2(full)
+        field: torch.Tensor = torch.fft.ifft2(full)
+        return field
 
     def __call__(self, spectrum: Spectrum, threshold: Threshold) -> torch.Tensor:
         """Filtered complex field (V, H, W): angle is the wrapped phase, absolute value the carrier's amplitude."""
@@ -147,7 +149,9 @@ class _Axis:
         bin_width = 2 * math.pi / length
         first, last = (limit / bin_width for limit in limits)
         count = max(1, math.ceil((last - first) * bin_width * sigma - 1e-9) + 1)
-        positions = [0.5 * (first + last)] if count == 1 else [first + (last - first) * i / (count - 1) for i in range(count)]
+        positions = (
+            [0.5 * (first + last)] if count == 1 else [first + (last - first) * i / (count - 1) for i in range(count)]
+        )
         self.bins = sorted({round(p) for p in positions})
         half = math.ceil(_CUT / sigma / bin_width)
         crop = min(fast_length(2 * half + 1), length)

@@ -1,7 +1,7 @@
 """Reference matching: the point on the right row with the same absolute projector column.
 
-A column may stand twice on a row, on an object and on what lies behind it, lit through different rows of the projector. Only one of
-the two points projects back to that column.
+A column may stand twice on a row, on an object and on what lies behind it, lit through different rows of the
+projector. Only one of the two points projects back to that column.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ def match_columns(column_l, column_r, usable_l, usable_r, frame, turn, depth_ran
     """Right canvas column for every left canvas pixel, and the reason where there is none.
 
     column_l, column_r: float32 (h, w) projector columns. frame, turn, depth_range and projector as in
-    ``find_candidates``. Returns x_right float32 (h, w), NaN where unmatched, and reason uint8 (h, w): NO_MATCH, or AMBIGUOUS where two
-    crossings lie more than a pixel apart and no projector tells them apart.
+    ``find_candidates``. Returns x_right float32 (h, w), NaN where unmatched, and reason uint8 (h, w): NO_MATCH, or
+    AMBIGUOUS where two crossings lie more than a pixel apart and no projector tells them apart.
     """
     height, width = column_l.shape
     right_width = column_r.shape[1]
@@ -41,8 +41,8 @@ def match_columns(column_l, column_r, usable_l, usable_r, frame, turn, depth_ran
             per_z = turn[2, 0] * across + turn[2, 1] * down + turn[2, 2]
             first = x - cx_l - focal * baseline * per_z / depth_range[0] + cx_r
             last = x - cx_l - focal * baseline * per_z / depth_range[1] + cx_r
-            start = max(0, int(math.floor(first)))
-            stop = min(right_width - 2, int(math.ceil(last)))
+            start = max(0, math.floor(first))
+            stop = min(right_width - 2, math.ceil(last))
             u = column_l[y, x]
             found = -1.0
             closest = np.inf

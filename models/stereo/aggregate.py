@@ -1,8 +1,8 @@
 """Path-wise aggregation over sub-pixel candidates: a labelling problem over a few candidates a pixel.
 
 As in semi-global matching, the cost of each candidate gathers along straight paths; unlike there, labels are not
-integer disparities but each pixel's own candidates. A candidate is continued by the neighbour's candidate nearest to it:
-aliases lie a whole fringe apart, so even a steep surface continues without cost and only a change of fringe pays.
+integer disparities but each pixel's own candidates. A candidate is continued by the neighbour's candidate nearest to
+it: aliases lie a whole fringe apart, so even a steep surface continues without cost and only a change of fringe pays.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def _across_rows(x, cost, count, total, dy, dx, jump):  # type: ignore[no-untype
 
 @numba.njit(cache=True, parallel=True)
 def cheapest(total, count):  # type: ignore[no-untyped-def]
-    """Index (uint8) of the candidate with the smallest aggregated cost, and how much dearer the runner-up is (inf without).
+    """Index (uint8) of the candidate with the smallest aggregated cost, and how much dearer the runner-up is, or inf.
 
     total: float32 (h, w, K). count: uint8 (h, w). Both results are (h, w); the index is 0 where there is no candidate.
     """

@@ -41,8 +41,8 @@ def resample(channels, usable, where, linear):  # type: ignore[no-untyped-def]
             inside = x >= 0 and y >= 0 and x <= width - 1 and y <= height - 1
             x = min(max(x, 0.0), width - 1.0)
             y = min(max(y, 0.0), height - 1.0)
-            x0 = min(int(math.floor(x)), width - 2)
-            y0 = min(int(math.floor(y)), height - 2)
+            x0 = min(math.floor(x), width - 2)
+            y0 = min(math.floor(y), height - 2)
             _cubic(x - x0, wx)
             _cubic(y - y0, wy)
             good[i, k] = (

@@ -35,8 +35,9 @@ def refine_on_sensor(match, canvas_of_left, phase, modulation, usable, phase_r, 
 
     match: float32 (h, w), right column of each left canvas pixel, NaN where unmatched. canvas_of_left: (H, W, 2).
     phase, modulation: float32 (C, H, W) of the left sensor. usable: bool (H, W). phase_r: float32 (C, h, w_right).
-    weights: (C,) relative inverse phase variance of each carrier at equal modulation; the carriers' columns are fused by them.
-    Returns x_right float64 (H, W), NaN where none, and low float32 (H, W), remaining low-phase difference, rad.
+    weights: (C,) relative inverse phase variance of each carrier at equal modulation; the carriers' columns are fused
+    by them. Returns x_right float64 (H, W), NaN where none, and low float32 (H, W), remaining low-phase difference,
+    rad.
     """
     carriers, height, width = phase.shape
     canvas_height, canvas_width = match.shape
@@ -48,7 +49,7 @@ def refine_on_sensor(match, canvas_of_left, phase, modulation, usable, phase_r, 
             if not usable[i, k]:
                 continue
             xc, yc = canvas_of_left[i, k, 0], canvas_of_left[i, k, 1]
-            x0, y0 = int(math.floor(xc)), int(math.floor(yc))
+            x0, y0 = math.floor(xc), math.floor(yc)
             if x0 < 0 or y0 < 0 or x0 + 1 >= canvas_width or y0 + 1 >= min(canvas_height, right_height):
                 continue
             right = _predict(match, xc, yc, x0, y0)
@@ -58,7 +59,7 @@ def refine_on_sensor(match, canvas_of_left, phase, modulation, usable, phase_r, 
             ok = True
             start = right
             for _ in range(_ITERATIONS):
-                xr = int(math.floor(right))
+                xr = math.floor(right)
                 if xr < 0 or xr + 1 >= right_width or abs(right - start) > 3.0:
                     ok = False
                     break
@@ -81,7 +82,7 @@ def refine_on_sensor(match, canvas_of_left, phase, modulation, usable, phase_r, 
                 right -= min(2.0, max(-2.0, pull / stiffness))
             if not ok:
                 continue
-            xr = int(math.floor(right))
+            xr = math.floor(right)
             if xr < 0 or xr + 1 >= right_width:
                 continue
             x_right[i, k] = right

@@ -61,8 +61,8 @@ def _join(parent, a, b):  # type: ignore[no-untyped-def]
 def claimed_twice(x_left, x_right, y, cost, height, width, tolerance):  # type: ignore[no-untyped-def]
     """Matches whose right pixel a better match claims for another surface (uniqueness seen from the right).
 
-    x_left, x_right, y: float (H, W), canvas coordinates of each match, x_right NaN where there is none. cost: float (H, W),
-    smaller is better. height, width: of the right canvas. tolerance: px of disparity that one surface may
+    x_left, x_right, y: float (H, W), canvas coordinates of each match, x_right NaN where there is none. cost: float
+    (H, W), smaller is better. height, width: of the right canvas. tolerance: px of disparity that one surface may
     differ by within a pixel. Returns bool (H, W).
     """
     rows, columns = x_right.shape
@@ -72,7 +72,7 @@ def claimed_twice(x_left, x_right, y, cost, height, width, tolerance):  # type: 
         for k in range(columns):
             if np.isnan(x_right[i, k]):
                 continue
-            r, c = int(round(y[i, k])), int(round(x_right[i, k]))
+            r, c = round(y[i, k]), round(x_right[i, k])
             if 0 <= r < height and 0 <= c < width and cost[i, k] < owner_cost[r, c]:
                 owner_cost[r, c] = cost[i, k]
                 owner[r, c] = x_right[i, k] - x_left[i, k]
@@ -81,7 +81,7 @@ def claimed_twice(x_left, x_right, y, cost, height, width, tolerance):  # type: 
         for k in range(columns):
             if np.isnan(x_right[i, k]):
                 continue
-            r, c = int(round(y[i, k])), int(round(x_right[i, k]))
+            r, c = round(y[i, k]), round(x_right[i, k])
             if 0 <= r < height and 0 <= c < width and owner_cost[r, c] < np.inf:
                 lost[i, k] = abs(x_right[i, k] - x_left[i, k] - owner[r, c]) > tolerance
     return lost
