@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
 from models.capture import Capture
 from models.errors import CalibrationError, CaptureError, ReconstructionError
 from models.geometry.rig import SIDES, Rig, Side
@@ -15,8 +17,9 @@ from models.phase.fringe import FringePhase, PhaseExtractor
 from models.phase.nstep import NStep
 from models.phase.wft import WindowedFourierTransform
 from models.points import PointMap, Reason
+from models.stereo.exchanged import views_look_exchanged
 from models.stereo.matcher import MATCHINGS, Matching, PhaseMatcher
-from models.stereo.point_map import RejectionSettings, build_point_map
+from models.stereo.point_map import RejectionSettings, build_point_map, projector_residual
 
 Method = Literal["nstep", "wft"]
 METHODS: tuple[Method, ...] = ("nstep", "wft")
@@ -26,6 +29,8 @@ _KINDS: dict[Method, frozenset[PatternKind]] = {
     "wft": frozenset({"composite"}),
 }
 _FEWEST_POINTS = 200
+_SUSPICIOUS_RESIDUAL = 0.2
+"""Median of rad between a view and the projector above which the views are tried the other way round."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +70,8 @@ def reconstruct(
     """Reconstruct a two-view capture.
 
     rig: calibration to use in place of the capture's own copy. progress: called with (stage, share done).
-    Raises CalibrationError without a usable calibration, CaptureError for a capture that lacks what the method needs, and
-    ReconstructionError, with the likely cause, instead of returning an empty or nearly empty cloud.
+    Raises CalibrationError without a usable calibration, CaptureError for a capture that lacks what the method needs,
+    and ReconstructionError, with the likely cause, instead of returning an empty or nearly empty cloud.
     """
     rig = rig or capture.rig
     if rig is None:
@@ -75,7 +80,9 @@ def reconstruct(
     _check_views(capture, rig, options.method)
     depth_range = options.depth_range or rig.working_depths
     if not 0 < depth_range[0] < depth_range[1]:
-        raise ReconstructionError(f"depth range {depth_range[0]:g}..{depth_range[1]:g} mm: MIN must be positive and below MAX")
+        raise ReconstructionError(
+            f"depth range {depth_range[0]:g}..{depth_range[1]:g} mm: MIN must be positive and below MAX"
+        )
     timings: dict[str, float] = {}
     report = progress or (lambda stage, share: None)
     clock = time.perf_counter
@@ -93,6 +100,8 @@ def reconstruct(
     settings = _rejection(capture, options.method, absolute=absolute)
     points = build_point_map(phases, matches, rig, depth_range, settings, use_projector=matching == "trinocular")
     timings["points"] = clock() - start
+    if _projector_disagrees(points, phases["left"], rig) and views_look_exchanged(phases, rig, depth_range):
+        raise ReconstructionError(f"{capture.source}: the views look swapped; exchange left/ and right/")
     if len(points) < _FEWEST_POINTS:
         raise ReconstructionError(f"{capture.source}: {_cause_of_emptiness(points, depth_range)}")
     report("done", 1.0)
@@ -116,10 +125,11 @@ def _check_views(capture: Capture, rig: Rig, method: Method) -> None:
         if not images:
             continue
         height, width = next(iter(images.values())).shape
-        expected = rig.cameras[side].size
-        if (width, height) != expected:
+        camera = rig.cameras[side]
+        if (width, height) != camera.size:
             raise CaptureError(
-                f"{capture.source}: {side} images are {width}x{height} but the calibration is for {expected[0]}x{expected[1]}"
+                f"{capture.source}: {side} images are {width}x{height} "
+                f"but the calibration is for {camera.width}x{camera.height}"
             )
 
 
@@ -135,9 +145,17 @@ def _rejection(capture: Capture, method: Method, *, absolute: bool) -> Rejection
     if method == "wft":
         return RejectionSettings()
     weights = (float(len(capture.plan.of_kind("high"))), float(len(capture.plan.of_kind("low"))))
-    return RejectionSettings(
-        low=0.4, projector=0.6, smallest_surface=40 if absolute else 400, carrier_weights=weights
-    )
+    return RejectionSettings(low=0.4, projector=0.6, smallest_surface=40 if absolute else 400, carrier_weights=weights)
+
+
+def _projector_disagrees(points: PointMap, left: FringePhase, rig: Rig) -> bool:
+    """Whether the projector shows the points other phases than the left camera saw there, or there are hardly any."""
+    if len(points) < _FEWEST_POINTS:
+        return True
+    if rig.projector is None:
+        return False
+    sparse = np.where(np.arange(points.shape[0])[:, None, None] % 8 == 0, points.points, np.nan)
+    return bool(np.nanmedian(np.abs(projector_residual(sparse.astype(np.float64), left, rig))) > _SUSPICIOUS_RESIDUAL)
 
 
 def _cause_of_emptiness(points: PointMap, depth_range: tuple[float, float]) -> str:
@@ -146,11 +164,12 @@ def _cause_of_emptiness(points: PointMap, depth_range: tuple[float, float]) -> s
     share = counts[worst] / points.mask.size
     causes = {
         Reason.UNLIT: "the projector's light does not reach the scene; check lamp, trigger and exposure",
-        Reason.LOW_MODULATION: "the fringes are too weak; raise the exposure, focus the projector, or check the pattern",
+        Reason.LOW_MODULATION: "the fringes are too weak; raise the exposure, focus the projector, check the pattern",
         Reason.SATURATED: "the images are saturated; lower the exposure or gain",
         Reason.NO_MATCH: "the views do not match; check the calibration, swapped views and the depth range",
         Reason.AMBIGUOUS: "the matches contradict each other; check the calibration and the pattern's periods",
         Reason.OUT_OF_RANGE: f"the matches lie outside {depth_range[0]:g}..{depth_range[1]:g} mm; check --depth-range",
         Reason.ISOLATED: "only scattered points matched; check the calibration and the depth range",
     }
-    return f"only {len(points)} points; {share:.0%} of the pixels are {worst.name.lower().replace('_', ' ')}: {causes[worst]}"
+    name = worst.name.lower().replace("_", " ")
+    return f"only {len(points)} points; {share:.0%} of the pixels are {name}: {causes[worst]}"
