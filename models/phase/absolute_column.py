@@ -23,7 +23,8 @@ class UnwrapTolerance:
     """How far the carriers may disagree before a pixel is refused.
 
     low_phase: rad, between the low phase measured and the one the column predicts; a mixed pixel at an object's edge
-    shows as disagreement. cell: columns by which the high phase may leave its Gray cell (blur of the plane's edge).
+    shows as disagreement. cell: columns by which the high phase may leave its Gray cell where a plane's edge is
+    blurred; 0.4 of it where every plane reads clearly.
     """
 
     low_phase: float = 0.4
@@ -49,9 +50,11 @@ def absolute_column(
     best_cost = torch.full_like(in_fringe, torch.inf)
     second_cost = best_cost.clone()
     best = torch.full_like(in_fringe, torch.nan)
+    # A plane that reads clearly is no blurred edge, so the pixel lies well inside its cell.
+    reach = tolerance.cell * (1 - 0.6 * code.margin)
     for outside, column in _candidates(in_fringe, code, gray_period, high_period):
         cost = (outside / tolerance.cell) ** 2
-        possible = outside <= tolerance.cell
+        possible = outside <= reach
         if len(carriers) > 1:
             doubt = low_phase_error(carriers[1], column, periods[1]).abs()
             cost = cost + (doubt / tolerance.low_phase) ** 2
