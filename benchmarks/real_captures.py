@@ -35,13 +35,14 @@ LIT = 0.02
 class SingleFrame:
     """Phases of one composite frame beside those of the twelve steps.
 
-    phase, reference: float32 (2, H, W), wrapped, rad. error: (2, H, W), wrapped difference, NaN where not compared.
+    phase: float32 (2, H, W), wrapped, rad. texture: float32 (H, W), the frame without fringes, share of full scale.
+    error: float32 (2, H, W), wrapped difference to the twelve steps, rad, NaN where not compared.
     lit: bool (H, W), where the twelve steps have signal.
     """
 
     capture: Capture
     phase: npt.NDArray[np.float32]
-    reference: npt.NDArray[np.float32]
+    texture: npt.NDArray[np.float32]
     error: npt.NDArray[np.float32]
     lit: npt.NDArray[np.bool_]
 
@@ -86,7 +87,7 @@ def single_frame(sets: Path, scene: str) -> SingleFrame:
     phase, reference = found.wrapped.numpy(), expected.wrapped.numpy()
     error = np.angle(np.exp(1j * (phase - reference))).astype(np.float32)
     error[:, ~lit | (found.mask.numpy() != Reason.VALID)] = np.nan
-    return SingleFrame(capture, phase, reference, error, lit)
+    return SingleFrame(capture, phase, found.texture.numpy(), error, lit)
 
 
 def error_figures(frame: SingleFrame) -> dict[str, float]:

@@ -12,8 +12,9 @@ import numpy as np
 from service.pictures import ColourScale, Picture
 
 _PAPER, _INK, _SOFT = 255, (45, 40, 38), (120, 112, 106)
-_MARGIN, _GAP, _BAR, _TICKS = 28, 26, 12, 46
+_MARGIN, _GAP, _BAR, _TICKS = 28, 22, 12, 42
 _HEADER, _TITLE, _CAPTION = 74, 26, 22
+_SHORTEST_HEADER = 480
 
 
 @dataclass(frozen=True)
@@ -43,8 +44,11 @@ def compose(title: str, subtitle: str, rows: Sequence[Sequence[Panel]], panel_wi
     Panels keep the proportions of their pictures; the tallest of a row sets its height.
     """
     columns = max(len(row) for row in rows)
-    cell = panel_width + 8 + _BAR + _TICKS
-    width = 2 * _MARGIN + columns * cell + (columns - 1) * (_GAP - _TICKS // 2)
+    lefts = [_MARGIN]
+    for index in range(columns):
+        has_bar = any(index < len(row) and row[index].scale is not None for row in rows)
+        lefts.append(lefts[-1] + panel_width + _GAP + (_BAR + _TICKS if has_bar else 0))
+    width = max(lefts[-1] - _GAP + _MARGIN, _MARGIN + _SHORTEST_HEADER)
     heights = [max(_height(panel, panel_width) for panel in row) for row in rows]
     height = _HEADER + sum(h + _TITLE + _CAPTION + _GAP for h in heights) + _MARGIN // 2
     canvas = np.full((height, width, 3), _PAPER, np.uint8)
@@ -53,7 +57,7 @@ def compose(title: str, subtitle: str, rows: Sequence[Sequence[Panel]], panel_wi
     top = _HEADER + _TITLE
     for row, row_height in zip(rows, heights, strict=True):
         for index, panel in enumerate(row):
-            _draw(canvas, panel, _MARGIN + index * (cell + _GAP - _TICKS // 2), top, panel_width)
+            _draw(canvas, panel, lefts[index], top, panel_width)
         top += row_height + _CAPTION + _GAP + _TITLE
     return canvas
 

@@ -25,6 +25,8 @@ from service.pictures import (
 )
 
 ERROR_LIMIT_MM = 1.0
+_RECORDED_SMOOTHING = 5.0
+"""px; at the full resolution of a recorded scan the normals of single pixels are mostly noise."""
 _CARRIERS = ("high", "low")
 
 
@@ -66,7 +68,7 @@ def compare_figure(
             Panel(
                 f"{_CARRIERS[c].capitalize()} phase",
                 phase_scale().paint(phase_map(single, "left", c)),
-                f"windowed Fourier filter, period {periods[c]:g} columns",
+                f"windowed Fourier filter, {periods[c]:g} columns a fringe",
                 phase_scale(),
             )
             for c in range(2)
@@ -75,10 +77,13 @@ def compare_figure(
     ]
     exposures = sum(p.is_fringe or p.is_gray or p.is_uniform for p in capture.plan.patterns)
     bottom = [
-        _depth_panel(single, scale, "Depth from one exposure", f"wft, {single.matching} matching"),
+        _depth_panel(single, scale, "Depth from one exposure", "windowed Fourier filter"),
         _depth_panel(stepped, scale, f"Depth from {exposures} exposures", "phase shift and Gray code"),
         Panel(
-            "Error of the one exposure", error_scale(ERROR_LIMIT_MM).paint(error), _error_caption(error), error_scale(1)
+            "Error of the one exposure",
+            error_scale(ERROR_LIMIT_MM).paint(error),
+            _error_caption(error),
+            error_scale(ERROR_LIMIT_MM),
         ),
         Panel("Surface from one exposure", shaded_picture(single.points.normals), "normals, lit from above"),
     ]
@@ -86,39 +91,68 @@ def compare_figure(
 
 
 def recorded_figure(title: str, subtitle: str, capture: Capture, reconstruction: Reconstruction) -> Picture:
-    """A recorded capture: its white image, phase, depth and surface."""
+    """A recorded capture: its white image, phase, depth and surface, cut to where the points are."""
+    points = reconstruction.points
+    part = _where_points_are(points)
+    scale = depth_scale(tight_range(points.depth))
     panels = [
-        _exposure_panel(capture, "left", "white", "Left camera", "white"),
+        _exposure_panel(capture, "left", "white", "Left camera", "white", part),
         Panel(
             "Wrapped phase",
-            phase_scale().paint(phase_map(reconstruction, "left", 0)),
+            phase_scale().paint(phase_map(reconstruction, "left", 0)[part]),
             f"{len(capture.plan.of_kind('high'))} steps, light grey where there is no signal",
             phase_scale(),
         ),
-        _depth_panel(
-            reconstruction,
-            depth_scale(tight_range(reconstruction.points.depth)),
+        Panel(
             "Depth",
-            f"{reconstruction.options.method}, {reconstruction.matching} matching",
+            scale.paint(points.depth[part]),
+            _depth_caption(reconstruction, reconstruction.options.method),
+            scale,
         ),
-        Panel("Surface", shaded_picture(reconstruction.points.normals), "normals, lit from above"),
+        Panel(
+            "Surface",
+            shaded_picture(points.normals[part], _RECORDED_SMOOTHING),
+            f"normals averaged over {_RECORDED_SMOOTHING:g} px, lit from above",
+        ),
     ]
     return compose(title, subtitle, [panels])
 
 
-def _exposure_panel(capture: Capture, side: Side, pattern: str, title: str, caption: str) -> Panel:
-    image: Image = capture.images[side][pattern]
+def _where_points_are(points: PointMap) -> tuple[slice, slice]:
+    """Rows and columns that hold nearly all points, with a margin."""
+    spans = []
+    for axis, length in enumerate(points.shape):
+        share = np.cumsum(points.valid.sum(axis=1 - axis, dtype=np.float64))
+        first, last = np.searchsorted(share, share[-1] * np.array([0.01, 0.99]))
+        margin = length // 32
+        spans.append(slice(max(0, int(first) - margin), min(length, int(last) + margin)))
+    return spans[0], spans[1]
+
+
+def _exposure_panel(
+    capture: Capture,
+    side: Side,
+    pattern: str,
+    title: str,
+    caption: str,
+    part: tuple[slice, slice] = (slice(None), slice(None)),
+) -> Panel:
+    image: Image = capture.images[side][pattern][part]
     # A share of the full scale is dark on paper; the caption tells nothing of absolute brightness.
     return Panel(title, grey_picture(image, max(1.0, float(np.percentile(image, 99.7)))), caption)
 
 
 def _depth_panel(reconstruction: Reconstruction, scale: ColourScale, title: str, how: str) -> Panel:
-    points: PointMap = reconstruction.points
-    return Panel(title, scale.paint(points.depth), f"{how}, {len(points):,} points", scale)
+    return Panel(title, scale.paint(reconstruction.points.depth), _depth_caption(reconstruction, how), scale)
+
+
+def _depth_caption(reconstruction: Reconstruction, how: str) -> str:
+    return f"{how}, {reconstruction.matching} matching, {len(reconstruction.points):,} points"
 
 
 def _error_caption(error: FloatMap) -> str:
     absolute = np.abs(error[np.isfinite(error)])
     if absolute.size == 0:
         return "no pixel can be compared"
-    return f"median {np.median(absolute):.2f} mm, {np.mean(absolute <= 1):.0%} within 1 mm; blue is too near"
+    within = np.mean(absolute <= ERROR_LIMIT_MM)
+    return f"median {np.median(absolute):.2f} mm, {within:.0%} within {ERROR_LIMIT_MM:g} mm; blue is too near"

@@ -88,9 +88,16 @@ def grey_picture(image: npt.ArrayLike, white_level: float) -> Picture:
     return np.repeat(np.rint(255 * share).astype(np.uint8)[..., None], 3, axis=2)
 
 
-def shaded_picture(normals: FloatMap) -> Picture:
-    """A surface lit from above, from unit normals (H, W, 3) towards the camera; pixels without one are light grey."""
-    cosine = np.clip(np.nan_to_num(normals) @ _LIGHT, 0, 1)
+def shaded_picture(normals: FloatMap, smoothing: float = 0.0) -> Picture:
+    """A surface lit from above, from unit normals (H, W, 3) towards the camera; pixels without one are light grey.
+
+    smoothing: standard deviation (px) of a Gaussian over which the normals are averaged before they are shaded.
+    """
+    filled = np.nan_to_num(normals).astype(np.float32)
+    if smoothing > 0:
+        filled = cv2.GaussianBlur(filled, (0, 0), smoothing)
+        filled /= np.maximum(np.linalg.norm(filled, axis=2, keepdims=True), 1e-6)
+    cosine = np.clip(filled @ _LIGHT, 0, 1)
     lit = np.rint((0.15 + 0.85 * cosine)[..., None] * _SURFACE_BGR).astype(np.uint8)
     return np.where(np.isnan(normals[..., :1]), np.uint8(INVALID_GREY), lit)
 
