@@ -93,10 +93,10 @@ def shaded_picture(normals: FloatMap, smoothing: float = 0.0) -> Picture:
 
     smoothing: standard deviation (px) of a Gaussian over which the normals are averaged before they are shaded.
     """
-    filled = np.nan_to_num(normals).astype(np.float32)
+    filled: FloatMap = np.nan_to_num(normals).astype(np.float32)
     if smoothing > 0:
-        filled = cv2.GaussianBlur(filled, (0, 0), smoothing)
-        filled /= np.maximum(np.linalg.norm(filled, axis=2, keepdims=True), 1e-6)
+        filled = np.asarray(cv2.GaussianBlur(filled, (0, 0), smoothing))
+        filled = filled / np.maximum(np.linalg.norm(filled, axis=2, keepdims=True), 1e-6)
     cosine = np.clip(filled @ _LIGHT, 0, 1)
     lit = np.rint((0.15 + 0.85 * cosine)[..., None] * _SURFACE_BGR).astype(np.uint8)
     return np.where(np.isnan(normals[..., :1]), np.uint8(INVALID_GREY), lit)
