@@ -19,22 +19,25 @@ pytestmark = pytest.mark.realdata
 MANIFESTS = Path(__file__).resolve().parents[1] / "examples" / "manifests"
 
 
+@pytest.fixture(scope="module")
+def plaster_head(real_data: Path) -> Capture:
+    return import_capture(real_data / "stereo_small_mit", MANIFESTS / "stereo_small_mit.toml")
+
+
+@pytest.fixture(scope="module")
+def result(plaster_head: Capture) -> Reconstruction:
+    return reconstruct(plaster_head, ReconstructionOptions("nstep", depth_range=(800.0, 1020.0)))
+
+
+@pytest.fixture(scope="module")
+def head(plaster_head: Capture, result: Reconstruction) -> np.ndarray:
+    """The plaster head by its light alone: bright under white and strongly modulated; the cloth is neither."""
+    modulation = result.phases["left"].modulation[0].numpy()
+    return (plaster_head.stack("left", "white")[0] > 0.2) & (modulation > 0.05)
+
+
 class TestPlasterHead:
     """Stereo pair, six Gray planes half a fringe fine, one carrier in four steps, JPEG; no projector calibration."""
-
-    @pytest.fixture(scope="class")
-    def capture(self, real_data: Path) -> Capture:
-        return import_capture(real_data / "stereo_small_mit", MANIFESTS / "stereo_small_mit.toml")
-
-    @pytest.fixture(scope="class")
-    def result(self, capture: Capture) -> Reconstruction:
-        return reconstruct(capture, ReconstructionOptions("nstep", depth_range=(800.0, 1020.0)))
-
-    @pytest.fixture(scope="class")
-    def head(self, capture: Capture, result: Reconstruction) -> np.ndarray:
-        """The plaster head by its light alone: bright under white and strongly modulated; the cloth is neither."""
-        modulation = result.phases["left"].modulation[0].numpy()
-        return (capture.stack("left", "white")[0] > 0.2) & (modulation > 0.05)
 
     def test_the_head_is_decoded(self, result: Reconstruction, head: np.ndarray) -> None:
         """The set's unlit frame was taken under the room's lamps; taking it for black loses half of the head."""
