@@ -29,8 +29,9 @@ _KINDS: dict[Method, frozenset[PatternKind]] = {
     "wft": frozenset({"composite"}),
 }
 _FEWEST_POINTS = 200
-_SUSPICIOUS_RESIDUAL = 0.2
-"""Median of rad between a view and the projector above which the views are tried the other way round."""
+_SUSPICIOUS_RESIDUAL, _SUSPICIOUS_ABSOLUTE_RESIDUAL = 0.2, 0.08
+"""Median of rad between a view and the projector, for wrapped and for absolute phases, above which the views are tried
+the other way round."""
 
 
 @dataclass(frozen=True)
@@ -154,8 +155,9 @@ def _projector_disagrees(points: PointMap, left: FringePhase, rig: Rig) -> bool:
         return True
     if rig.projector is None:
         return False
+    limit = _SUSPICIOUS_RESIDUAL if left.column is None else _SUSPICIOUS_ABSOLUTE_RESIDUAL
     sparse = np.where(np.arange(points.shape[0])[:, None, None] % 8 == 0, points.points, np.nan)
-    return bool(np.nanmedian(np.abs(projector_residual(sparse.astype(np.float64), left, rig))) > _SUSPICIOUS_RESIDUAL)
+    return bool(np.nanmedian(np.abs(projector_residual(sparse.astype(np.float64), left, rig))) > limit)
 
 
 def _cause_of_emptiness(points: PointMap, depth_range: tuple[float, float]) -> str:

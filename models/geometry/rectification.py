@@ -46,6 +46,12 @@ class Rectification:
         """Row vector (3,) that gives left-camera z of a rectified point by its dot product."""
         return np.asarray(self.rotation[:, 2], np.float64).copy()
 
+    def left_rays(self) -> FloatArray:
+        """Lines of sight of the left sensor's pixels, (H, W, 3), left-camera frame with z = 1."""
+        plane = self.canvas_of_left.astype(np.float64) - (self.cx["left"], self.cy)
+        rays = np.concatenate([plane, np.full((*plane.shape[:2], 1), self.focal)], axis=-1) @ self.rotation
+        return np.asarray(rays / rays[..., 2:])
+
     def triangulate(self, x_left: npt.ArrayLike, x_right: npt.ArrayLike, y: npt.ArrayLike) -> FloatArray:
         """Left-frame points (..., 3), mm, of matching canvas columns on canvas row(s) y; NaN where rays do not meet."""
         across = np.asarray(x_left, np.float64) - self.cx["left"]

@@ -22,8 +22,8 @@ _GRID_STEP = 40
 class FringeField:
     """Fringe frequencies to expect in one view, for one projector column a fringe (divide by the period).
 
-    zeta: (low, median, high) rad/px along x times columns; eta: (low, high) along y. sign: +1 where the projector column grows
-    along x, else -1.
+    zeta: (low, median, high) rad/px along x times columns; eta: (low, high) along y. sign: +1 where the projector
+    column grows along x, else -1.
     """
 
     zeta: tuple[float, float, float]
@@ -32,7 +32,7 @@ class FringeField:
 
 
 def fringe_field(rig: Rig, camera: Device, depth_range: tuple[float, float]) -> FringeField | None:
-    """Range of du/dx and du/dy (as rad/px of a one-column fringe) over field, depths and tilts; None without a projector."""
+    """Range of du/dx and du/dy (rad/px of a one-column fringe) over field, depths and tilts; None without projector."""
     if rig.projector is None:
         return None
     across, down = [], []
@@ -60,7 +60,7 @@ def _column_slope(
     rays = camera.undistort(pixels)
     columns = []
     for dx, dy in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)):
-        moved = camera.undistort(pixels + (dx, dy))
+        moved = camera.undistort(pixels + np.array([dx, dy]))
         # z = depth + tilt . (X - X0) along the moved ray, X = z * moved
         scale = (1 - tilt_x * rays[:, 0] - tilt_y * rays[:, 1]) / (1 - tilt_x * moved[:, 0] - tilt_y * moved[:, 1])
         points = np.column_stack([moved, np.ones(len(moved))]) * (depth * scale)[:, None]

@@ -30,9 +30,9 @@ class WftSettings:
     window: standard deviation of the Gaussian window in fringes of the carrier (px = window * period in the image).
     rounds: filterings of each carrier; 1 is the plain filter. noise, first_relative, relative: see ``Threshold``; the
     first round is more selective because it hears the other carrier. minimum_modulation: share of full scale
-    below which a phase is noise. largest_misfit: ``FringePhase.misfit`` above which a pixel carries no phase. darkest: share of the
-    brightness that texture and fringes predict within a fringe, below which a pixel is unlit: the window smears fringes
-    over the dark beside an object.
+    below which a phase is noise. largest_misfit: ``FringePhase.misfit`` above which a pixel carries no phase.
+    darkest: share of the brightness that texture and fringes predict within a fringe, below which a pixel is unlit: the
+    window smears fringes over the dark beside an object.
     """
 
     window: float = 0.4

@@ -29,11 +29,11 @@ def match_columns(column_l, column_r, usable_l, usable_r, frame, turn, depth_ran
     """
     height, width = column_l.shape
     right_width = column_r.shape[1]
-    focal, baseline, cx_l, cx_r, cy = frame
+    focal, baseline, cx_l, cx_r, cy, row_step = frame
     x_right = np.full((height, width), np.nan, np.float32)
     reason = np.full((height, width), _NO_MATCH, np.uint8)
     for y in numba.prange(height):
-        down = (y - cy) / focal
+        down = (y * row_step - cy) / focal
         for x in range(width):
             if not usable_l[y, x]:
                 continue

@@ -79,8 +79,8 @@ def _bounded(residual, scale):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _column_along_ray(projector, turn, focal, baseline, across, down, zero, first, last, ray):  # type: ignore[no-untyped-def]
-    """Projector column along a left pixel's line of sight, u(t) = (ray0 + ray1 t) / (1 + ray2 t) for t = 0..1 from right
-    canvas column ``first`` to ``last``: exact without distortion, within a hundredth of a column for a mild one.
+    """Projector column along a left line of sight: u(t) = (ray0 + ray1 t) / (1 + ray2 t), t = 0..1 from right canvas
+    column ``first`` to ``last``: exact without distortion, within a hundredth of a column for a mild one.
 
     zero: right canvas column of the line of sight's vanishing point.
     """
@@ -119,20 +119,20 @@ def find_candidates(  # type: ignore[no-untyped-def]
 ):
     """Candidates of all left pixels; arrays as in ``RectifiedView``.
 
-    frame: (focal, baseline, cx_left, cx_right, cy). turn: (3, 3), rectified to left-camera frame, by rows.
-    projector: vector of ``pack_projection`` or empty without a projector. periods: fringe periods (C,).
+    frame: (focal, baseline, cx_left, cx_right, cy, canvas rows from one array row to the next). turn: (3, 3), from the
+    rectified to the left-camera frame. projector: vector of ``pack_projection`` or empty without a projector. periods: fringe periods (C,).
     scales: (low, high, projector_low, texture, misfit). Returns x_right, cost (h, w, limit) and count (h, w).
     """
     carriers, height, width = phase_l.shape
     right_width = phase_r.shape[2]
-    focal, baseline, cx_l, cx_r, cy = frame
+    focal, baseline, cx_l, cx_r, cy, row_step = frame
     x_right = np.full((height, width, limit), np.nan, np.float32)
     cost = np.full((height, width, limit), np.inf, np.float32)
     count = np.zeros((height, width), np.uint8)
     two_carriers = carriers > 1
     use_projector = projector.size > 0
     for y in numba.prange(height):
-        down = (y - cy) / focal
+        down = (y * row_step - cy) / focal
         slope = np.empty(right_width, np.float32)
         for j in range(right_width - 1):
             step = wrap(phase_r[0, y, j + 1] - phase_r[0, y, j])

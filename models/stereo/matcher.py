@@ -51,8 +51,9 @@ class Matcher(Protocol):
 
 @dataclass(frozen=True)
 class MatcherSettings:
-    """jump_cost: cost of changing the fringe along a path. ambiguity: a runner-up dearer by less makes a pixel ambiguous.
+    """How candidates are chosen.
 
+    jump_cost: of changing the fringe along a path. ambiguity: a runner-up dearer by less makes a pixel ambiguous.
     range_margin: share of the depth range, in inverse depth, searched beyond either end, so that what stands outside
     is found there and not mistaken for an alias inside. Only with the projector: the pair alone has too many aliases.
     """
@@ -64,42 +65,44 @@ class MatcherSettings:
 
 
 class PhaseMatcher:
-    """Both modes: ``stereo`` compares the views only, ``trinocular`` also what the projector shows at each candidate."""
+    """Both modes: ``stereo`` compares the views, ``trinocular`` also what the projector shows at each candidate."""
 
     def __init__(self, name: Matching, settings: MatcherSettings | None = None) -> None:
         self.name = name
         self.settings = settings or MatcherSettings()
 
     def match(self, phases: Mapping[Side, FringePhase], rig: Rig, depth_range: tuple[float, float]) -> CanvasMatches:
-        rectification = rectify(rig)
-        views = rectify_phases(phases, rectification)
+        views = rectify_phases(phases, rectify(rig))
         left, right = views["left"], views["right"]
-        projector = pack_projection(rig.projector) if self.name == "trinocular" and rig.projector else np.zeros(0)
         if left.column is not None and right.column is not None:
-            return _match_absolute(left, right, rectification, depth_range, projector)
+            return _match_absolute(left, right, rectify(rig), depth_range, self._projection(rig))
+        return self._choose(self.candidates(views, phases["left"].periods, rig, depth_range), left, right)
+
+    def candidates(
+        self,
+        views: Mapping[Side, RectifiedView],
+        periods: tuple[float, ...],
+        rig: Rig,
+        depth_range: tuple[float, float],
+        row_step: int = 1,
+    ) -> Candidates:
+        """Match candidates by wrapped phases alone; the views may hold only every ``row_step``-th canvas row."""
+        left, right = views["left"], views["right"]
+        projector = self._projection(rig)
         if projector.size > 0:
             depth_range = _widened(depth_range, self.settings.range_margin)
-        candidates = self._candidates(left, right, rectification, depth_range, projector, phases["left"].periods)
-        return self._choose(candidates, left, right)
-
-    def _candidates(
-        self,
-        left: RectifiedView,
-        right: RectifiedView,
-        rectification: Rectification,
-        depth_range: tuple[float, float],
-        projector: npt.NDArray[np.float64],
-        periods: tuple[float, ...],
-    ) -> Candidates:
         s = self.settings.candidates
         scales = np.array([s.low_scale, s.high_scale, s.projector_low_scale, s.texture_weight, s.misfit_scale])
-        limit = min(s.limit, _most_candidates(right, rectification, depth_range))
-        frame, turn = kernel_frame(rectification)
+        limit = min(s.limit, _most_candidates(right, rectify(rig), depth_range))
+        frame, turn = kernel_frame(rectify(rig), row_step)
         found = find_candidates(
             left.phase, right.phase, left.usable, right.usable, left.texture, right.texture,
             left.misfit, right.misfit, frame, turn, np.array(depth_range), projector, np.array(periods), scales, limit,
         )  # fmt: skip
         return Candidates(*found)
+
+    def _projection(self, rig: Rig) -> npt.NDArray[np.float64]:
+        return pack_projection(rig.projector) if self.name == "trinocular" and rig.projector else np.zeros(0)
 
     def _choose(self, candidates: Candidates, left: RectifiedView, right: RectifiedView) -> CanvasMatches:
         total = aggregate(candidates, self.settings.jump_cost)
@@ -137,10 +140,12 @@ def _match_absolute(
     return CanvasMatches(x_right, reason, nothing, np.full_like(nothing, np.inf), right)
 
 
-def kernel_frame(rectification: Rectification) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """(focal, baseline, cx_left, cx_right, cy) and the rotation from the rectified to the left-camera frame."""
+def kernel_frame(
+    rectification: Rectification, row_step: int = 1
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """The ``frame`` of ``find_candidates`` and the rotation from the rectified to the left-camera frame."""
     r = rectification
-    frame = np.array([r.focal, r.baseline, r.cx["left"], r.cx["right"], r.cy])
+    frame = np.array([r.focal, r.baseline, r.cx["left"], r.cx["right"], r.cy, row_step])
     return frame, np.ascontiguousarray(r.rotation.T)
 
 

@@ -15,6 +15,7 @@ from models.geometry.rig import Rig, Side
 from models.normals import estimate_normals
 from models.phase.fringe import FringePhase
 from models.points import Origin, PointMap, Reason
+from models.stereo.left_projector import intersect_columns
 from models.stereo.matcher import CanvasMatches
 from models.stereo.sensor_grid import refine_on_sensor
 from models.stereo.surfaces import claimed_twice, label_surfaces
@@ -28,12 +29,13 @@ _TWO_PI = 2 * np.pi
 class RejectionSettings:
     """When a match is not believed.
 
-    low: rad the low phases of the two views may differ by at the match. projector: rad the high phase may differ from the one
-    the projector shows at the point. smallest_surface: pixels; smaller connected surfaces are dropped. step: px of
-    disparity within which neighbouring pixels are one surface. claim: px of disparity within which two pixels may share a
-    right pixel. jump, jump_reach, jump_misfit: px of disparity that make an occluding edge, px from it within which, and
-    misfit above which, a match may be the other surface's smeared phase. rim_reach, rim_misfit: likewise at any rim
-    of what matched. carrier_weights: relative inverse phase variance of (high, low) when the match is refined.
+    low: rad the low phases of the two views may differ by at the match. projector: rad the high phase may differ from
+    the one the projector shows at the point. smallest_surface: pixels; smaller connected surfaces are dropped.
+    step: px of disparity within which neighbouring pixels are one surface. claim: px of disparity within which two
+    pixels may share a right pixel. jump, jump_reach, jump_misfit: px of disparity that make an occluding edge, px from
+    it within which, and misfit above which, a match may be the other surface's smeared phase. rim_reach, rim_misfit:
+    likewise at any rim of what matched. carrier_weights: relative inverse phase variance of (high, low) when the match
+    is refined.
     """
 
     low: float = 2.0
@@ -64,52 +66,34 @@ def build_point_map(
     that the projector shows each point the phase that the left camera saw there.
     """
     left = phases["left"]
-    rectification = rectify(rig)
-    right = matches.right
+    canvas = rectify(rig).canvas_of_left.astype(np.float64)
     wrapped = left.wrapped.cpu().numpy()
     modulation = left.modulation.cpu().numpy()
     mask = left.mask.cpu().numpy().astype(np.uint8)
-    weights = np.array(settings.carrier_weights[: len(wrapped)])
+    column = None if left.column is None else left.column.cpu().numpy()
     usable = mask == Reason.VALID
-    if left.column is not None:
-        usable &= np.isfinite(left.column.cpu().numpy())
+    if column is not None:
+        usable &= np.isfinite(column)
     x_right, low = refine_on_sensor(
-        matches.x_right, rectification.canvas_of_left, wrapped, modulation, usable, right.phase, right.usable, weights
-    )
-    canvas = rectification.canvas_of_left.astype(np.float64)
-    points = rectification.triangulate(canvas[..., 0], x_right, canvas[..., 1])
+        matches.x_right, rectify(rig).canvas_of_left, wrapped, modulation, usable,
+        matches.right.phase, matches.right.usable, np.array(settings.carrier_weights[: len(wrapped)]),
+    )  # fmt: skip
+    points = rectify(rig).triangulate(canvas[..., 0], x_right, canvas[..., 1])
     reason = _inherited_reasons(mask, matches, canvas)
-    matched = np.isfinite(x_right)
-    reason[matched] = Reason.VALID
-    with np.errstate(invalid="ignore"):
-        outside = matched & ~((points[..., 2] >= depth_range[0]) & (points[..., 2] <= depth_range[1]))
-        doubtful = matched & (np.abs(low) > settings.low)
-    residual = np.zeros(matched.shape)
+    reason[np.isfinite(x_right)] = Reason.VALID
+    origin = np.where(np.isfinite(x_right), Origin.LEFT_RIGHT, Origin.NONE).astype(np.uint8)
+    residual = np.zeros(mask.shape)
     if use_projector and rig.projector is not None:
         residual = projector_residual(points, left, rig)
-        with np.errstate(invalid="ignore"):
-            doubtful |= matched & ~(np.abs(residual) <= settings.projector)
-    disparity = np.where(matched & ~outside & ~doubtful, x_right - canvas[..., 0], np.nan)
+        if column is not None:
+            filled = _fill_from_projector(points, column, usable & ~np.isfinite(x_right), rig, depth_range)
+            reason[filled], origin[filled], residual[filled] = Reason.VALID, Origin.LEFT_PROJECTOR, 0.0
+            x_right[filled] = rectify(rig).canvas_coordinates("right", points[filled])[:, 0]
     quality = (low / settings.low) ** 2 + (residual / settings.projector) ** 2
-    if left.misfit is not None:
-        quality += left.misfit.cpu().numpy() ** 2
-    twice = claimed_twice(
-        canvas[..., 0], np.where(np.isnan(disparity), np.nan, x_right), canvas[..., 1], quality.astype(np.float32),
-        right.usable.shape[0], right.usable.shape[1], settings.claim,
-    )  # fmt: skip
-    disparity[twice] = np.nan
-    smeared = np.zeros_like(twice)
-    if left.misfit is not None:
-        smeared = smeared_edges(disparity, left.misfit.cpu().numpy(), settings)
-        disparity[smeared] = np.nan
-    labels, sizes = label_surfaces(disparity, settings.step)
-    small = (labels >= 0) & (np.append(sizes, 0)[labels] < settings.smallest_surface)
-    for flag, why in (
-        (doubtful | twice | smeared, Reason.AMBIGUOUS),
-        (small, Reason.ISOLATED),
-        (outside, Reason.OUT_OF_RANGE),
-    ):
-        reason[flag] = why
+    misfit = None if left.misfit is None else left.misfit.cpu().numpy()
+    if misfit is not None:
+        quality += misfit**2
+    _reject(reason, x_right, origin, points, low, residual, quality, misfit, matches, canvas, depth_range, settings)
     valid = reason == Reason.VALID
     kept = np.where(valid[..., None], points, np.nan).astype(np.float32)
     confidence = np.where(valid, np.exp(-quality), 0.0).astype(np.float32)
@@ -122,9 +106,60 @@ def build_point_map(
         modulation=modulation[0].astype(np.float32),
         phase_high=phase[0],
         phase_low=phase[1] if len(phase) > 1 else np.full_like(phase[0], np.nan),
-        origin=np.where(valid, Origin.LEFT_RIGHT, Origin.NONE).astype(np.uint8),
+        origin=np.where(valid, origin, Origin.NONE).astype(np.uint8),
         mask=reason,
     )
+
+
+def _fill_from_projector(
+    points: Float64Array,
+    column: Float32Array,
+    wanted: npt.NDArray[np.bool_],
+    rig: Rig,
+    depth_range: tuple[float, float],
+) -> npt.NDArray[np.bool_]:
+    """Put points of left camera and projector into ``points`` where wanted and possible; returns where, bool (H, W)."""
+    assert rig.projector is not None
+    rays = rectify(rig).left_rays()
+    found = intersect_columns(column, wanted, rays, pack_projection(rig.projector), np.array(depth_range))
+    filled = np.isfinite(found[..., 2])
+    points[filled] = found[filled]
+    return np.asarray(filled)
+
+
+def _reject(
+    reason: npt.NDArray[np.uint8],
+    x_right: Float64Array,
+    origin: npt.NDArray[np.uint8],
+    points: Float64Array,
+    low: Float32Array,
+    residual: Float64Array,
+    quality: Float64Array,
+    misfit: Float32Array | None,
+    matches: CanvasMatches,
+    canvas: Float64Array,
+    depth_range: tuple[float, float],
+    settings: RejectionSettings,
+) -> None:
+    """Enter into ``reason`` why matches are not believed; see ``RejectionSettings``. All arrays are (H, W)."""
+    matched = np.isfinite(x_right)
+    with np.errstate(invalid="ignore"):
+        outside = matched & ~((points[..., 2] >= depth_range[0]) & (points[..., 2] <= depth_range[1]))
+        doubtful = matched & ~((np.abs(low) <= settings.low) & (np.abs(residual) <= settings.projector))
+    believed = np.where(matched & ~outside & ~doubtful, x_right, np.nan)
+    height, width = matches.right.usable.shape
+    seen_right = np.where(origin == Origin.LEFT_RIGHT, believed, np.nan)
+    twice = claimed_twice(
+        canvas[..., 0], seen_right, canvas[..., 1], quality.astype(np.float32), height, width, settings.claim
+    )
+    disparity = np.where(twice, np.nan, believed - canvas[..., 0])
+    smeared = np.zeros_like(twice) if misfit is None else smeared_edges(disparity, misfit, settings)
+    disparity[smeared] = np.nan
+    labels, sizes = label_surfaces(disparity, settings.step)
+    small = (labels >= 0) & (np.append(sizes, 0)[labels] < settings.smallest_surface)
+    reason[doubtful | twice | smeared] = Reason.AMBIGUOUS
+    reason[small] = Reason.ISOLATED
+    reason[outside] = Reason.OUT_OF_RANGE
 
 
 def smeared_edges(disparity: Float64Array, misfit: Float32Array, settings: RejectionSettings) -> npt.NDArray[np.bool_]:
@@ -147,7 +182,7 @@ def smeared_edges(disparity: Float64Array, misfit: Float32Array, settings: Rejec
 
 
 def projector_residual(points: Float64Array, view: FringePhase, rig: Rig) -> Float64Array:
-    """High phase of a view minus the phase that the projector shows at its points, wrapped, rad, (H, W); NaN without a point."""
+    """High phase of a view minus the one the projector shows at its points, wrapped rad (H, W); NaN without a point."""
     assert rig.projector is not None
     column = project_points(pack_projection(rig.projector), points.reshape(-1, 3))[:, 0].reshape(points.shape[:2])
     difference = view.wrapped[0].cpu().numpy() - _TWO_PI / view.periods[0] * column

@@ -35,6 +35,17 @@ class RectifiedView:
     usable: npt.NDArray[np.bool_]
     column: Float32Array | None
 
+    def every(self, row_step: int) -> RectifiedView:
+        """The same view with only every ``row_step``-th row."""
+        return RectifiedView(
+            np.ascontiguousarray(self.phase[:, ::row_step]),
+            np.ascontiguousarray(self.modulation[:, ::row_step]),
+            np.ascontiguousarray(self.texture[::row_step]),
+            np.ascontiguousarray(self.misfit[::row_step]),
+            np.ascontiguousarray(self.usable[::row_step]),
+            None if self.column is None else np.ascontiguousarray(self.column[::row_step]),
+        )
+
 
 def rectify_phases(phases: Mapping[Side, FringePhase], rectification: Rectification) -> dict[Side, RectifiedView]:
     """Resample both views; complex fields are interpolated (cubic), so that no phase wrap is."""
