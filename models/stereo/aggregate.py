@@ -17,6 +17,8 @@ Float32Array = npt.NDArray[np.float32]
 PATHS = 8
 _FREE_STEP = 1.6
 """Canvas columns by which a continuous surface may leave its fronto-parallel continuation in one pixel."""
+_BLOCK = 32
+"""Neighbouring paths that one thread carries forward together, for the sake of the cache."""
 
 
 def aggregate(candidates: Candidates, jump_cost: float) -> Float32Array:
@@ -77,22 +79,30 @@ def _along_rows(x, cost, count, total, dx, jump):  # type: ignore[no-untyped-def
 
 @numba.njit(cache=True, parallel=True)
 def _across_rows(x, cost, count, total, dy, dx, jump):  # type: ignore[no-untyped-def]
+    """Paths down or up the rows. Each goes its way alone, so threads meet once a direction and not once a row."""
     height, width, limit = x.shape
-    paths = np.zeros((2, width, limit), np.float32)
-    for step in range(height):
-        y = step if dy > 0 else height - 1 - step
-        previous = max(0, min(height - 1, y - dy))
-        now, before = step % 2, (step + 1) % 2
-        for c in numba.prange(width):
-            n = count[y, c]
-            p = c - dx
-            m = 0
-            if step > 0 and p >= 0 and p < width:
-                m = count[previous, p]
-            p = max(0, min(width - 1, p))
-            _step(x[previous, p], paths[before, p], m, x[y, c], cost[y, c], n, dx, jump, paths[now, c])
-            for i in range(n):
-                total[y, c, i] += paths[now, c, i]
+    first = min(0, -dx * (height - 1))
+    last = width + max(0, -dx * (height - 1))
+    for block in numba.prange((last - first + _BLOCK - 1) // _BLOCK):
+        start = first + block * _BLOCK
+        paths = np.zeros((_BLOCK, limit), np.float32)
+        following = np.zeros(limit, np.float32)
+        for step in range(height):
+            y = step if dy > 0 else height - 1 - step
+            previous = max(0, min(height - 1, y - dy))
+            shift = dx * step
+            for c in range(max(0, start + shift), min(width, start + _BLOCK + shift)):
+                path = paths[c - shift - start]
+                n = count[y, c]
+                p = c - dx
+                m = 0
+                if step > 0 and p >= 0 and p < width:
+                    m = count[previous, p]
+                p = max(0, min(width - 1, p))
+                _step(x[previous, p], path, m, x[y, c], cost[y, c], n, dx, jump, following)
+                for i in range(n):
+                    total[y, c, i] += following[i]
+                    path[i] = following[i]
 
 
 @numba.njit(cache=True, parallel=True)

@@ -120,7 +120,8 @@ def find_candidates(  # type: ignore[no-untyped-def]
     """Candidates of all left pixels; arrays as in ``RectifiedView``.
 
     frame: (focal, baseline, cx_left, cx_right, cy, canvas rows from one array row to the next). turn: (3, 3), from the
-    rectified to the left-camera frame. projector: vector of ``pack_projection`` or empty without a projector. periods: fringe periods (C,).
+    rectified to the left-camera frame. projector: vector of ``pack_projection`` or empty without a projector.
+    periods: fringe periods (C,).
     scales: (low, high, projector_low, texture, misfit). Returns x_right, cost (h, w, limit) and count (h, w).
     """
     carriers, height, width = phase_l.shape
