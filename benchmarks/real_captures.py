@@ -29,6 +29,8 @@ COMPOSITE_SCENES = ("object", "plane")
 CARRIERS = ("high", "low")
 LIT = 0.02
 """Modulation of the twelve steps, share of full scale, from which a pixel is compared."""
+OBJECT = 0.06
+"""Modulation from which a pixel of the stereo scan is the plaster head and not the dim wall behind it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,12 +56,12 @@ def recorded_stereo(sets: Path) -> tuple[Capture, Reconstruction]:
 
 
 def stereo_figures(result: Reconstruction) -> dict[str, float]:
-    """Matched share (%) of left pixels with a projector column, depths (1st and 99th percentile, mm), noise (mm)."""
+    """On the object: matched share (%) of pixels with a projector column, depths (1st, 99th percentile), noise (mm)."""
     left = result.phases["left"]
     assert left.column is not None
     told = left.mask.numpy() == Reason.VALID
     told &= np.isfinite(left.column.numpy())
-    lit = told & (left.modulation[0].numpy() >= LIT)
+    lit = told & (left.modulation[0].numpy() >= OBJECT)
     depth = result.points.depth[result.points.valid & lit]
     return {
         "points": float(len(result.points)),
@@ -109,7 +111,7 @@ def main() -> None:
     rows = [["figure", "value"]]
     rows += [
         ["stereo_small_mit: points", f"{stereo['points']:,.0f}"],
-        ["matched share of left pixels", f"{stereo['matched_percent']:.1f} %"],
+        ["matched share of the object's pixels", f"{stereo['matched_percent']:.1f} %"],
         ["Z, 1st to 99th percentile", f"{stereo['z_low_mm']:.0f}..{stereo['z_high_mm']:.0f} mm"],
         ["noise, median |Z - 5x5 median|", f"{stereo['noise_mm']:.2f} mm"],
     ]

@@ -43,6 +43,7 @@ class CandidateSettings:
     high_scale, projector_low_scale: rad between a view's phases and those the projector shows at the candidate's point.
     texture_weight: cost of a relative texture difference of 1 between the views.
     misfit_scale: misfit at which the evidence of a pixel counts half.
+    surplus: a candidate dearer than the pixel's cheapest by more is dropped (the paper's candidate test).
     limit: largest number of candidates a pixel keeps.
     """
 
@@ -51,6 +52,7 @@ class CandidateSettings:
     projector_low_scale: float = 0.7
     texture_weight: float = 1.0
     misfit_scale: float = 0.5
+    surplus: float = 2.0
     limit: int = 32
 
 
@@ -77,6 +79,22 @@ def _bounded(residual, scale):  # type: ignore[no-untyped-def]
     return 2.0 * square / (2.0 + square)
 
 
+@numba.njit(cache=True, inline="always")
+def _keep_plausible(x_right, cost, n, surplus):  # type: ignore[no-untyped-def]
+    """Drop candidates dearer than the cheapest by more than ``surplus``, keeping the order; returns how many are left."""
+    cheapest = np.float32(np.inf)
+    for i in range(n):
+        cheapest = min(cheapest, cost[i])
+    kept = 0
+    for i in range(n):
+        if cost[i] <= cheapest + surplus:
+            x_right[kept], cost[kept] = x_right[i], cost[i]
+            kept += 1
+    for i in range(kept, n):
+        x_right[i], cost[i] = np.nan, np.inf
+    return kept
+
+
 @numba.njit(cache=True)
 def _column_along_ray(projector, turn, focal, baseline, across, down, zero, first, last, ray):  # type: ignore[no-untyped-def]
     """Projector column along a left line of sight: u(t) = (ray0 + ray1 t) / (1 + ray2 t), t = 0..1 from right canvas
@@ -99,7 +117,7 @@ def _column_along_ray(projector, turn, focal, baseline, across, down, zero, firs
     ray[2] = bend
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, parallel=True, fastmath={"arcp", "contract", "nsz", "reassoc"})
 def find_candidates(  # type: ignore[no-untyped-def]
     phase_l,
     phase_r,
@@ -122,13 +140,13 @@ def find_candidates(  # type: ignore[no-untyped-def]
     frame: (focal, baseline, cx_left, cx_right, cy, canvas rows from one array row to the next). turn: (3, 3), from the
     rectified to the left-camera frame. projector: vector of ``pack_projection`` or empty without a projector.
     periods: fringe periods (C,).
-    scales: (low, high, projector_low, texture, misfit). Returns x_right, cost (h, w, limit) and count (h, w).
+    scales: (low, high, projector_low, texture, misfit, surplus). Returns x_right, cost (h, w, limit) and count (h, w).
     """
     carriers, height, width = phase_l.shape
     right_width = phase_r.shape[2]
     focal, baseline, cx_l, cx_r, cy, row_step = frame
-    x_right = np.full((height, width, limit), np.nan, np.float32)
-    cost = np.full((height, width, limit), np.inf, np.float32)
+    x_right = np.empty((height, width, limit), np.float32)
+    cost = np.empty((height, width, limit), np.float32)
     count = np.zeros((height, width), np.uint8)
     two_carriers = carriers > 1
     use_projector = projector.size > 0
@@ -140,6 +158,8 @@ def find_candidates(  # type: ignore[no-untyped-def]
             good = usable_r[y, j] and usable_r[y, j + 1] and step > 0.05 and step < _STEEPEST
             slope[j] = step if good else 0.0
         ray = np.zeros(3)
+        x_right[y] = np.nan
+        cost[y] = np.inf
         for x in range(width):
             if not usable_l[y, x]:
                 continue
@@ -180,5 +200,5 @@ def find_candidates(  # type: ignore[no-untyped-def]
                 x_right[y, x, n] = right
                 cost[y, x, n] = total / (1.0 + doubt * doubt)
                 n += 1
-            count[y, x] = n
+            count[y, x] = _keep_plausible(x_right[y, x], cost[y, x], n, scales[5])
     return x_right, cost, count

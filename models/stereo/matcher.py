@@ -92,7 +92,9 @@ class PhaseMatcher:
         if projector.size > 0:
             depth_range = _widened(depth_range, self.settings.range_margin)
         s = self.settings.candidates
-        scales = np.array([s.low_scale, s.high_scale, s.projector_low_scale, s.texture_weight, s.misfit_scale])
+        scales = np.array(
+            [s.low_scale, s.high_scale, s.projector_low_scale, s.texture_weight, s.misfit_scale, s.surplus]
+        )
         limit = min(s.limit, _most_candidates(right, rectify(rig), depth_range))
         frame, turn = kernel_frame(rectify(rig), row_step)
         found = find_candidates(
