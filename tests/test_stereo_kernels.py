@@ -22,7 +22,8 @@ HEIGHT, WIDTH = 24, 120
 FRAME = np.array([1000.0, 120.0, 60.0, 400.0, 12.0, 1.0])
 """focal, baseline, cx_left, cx_right, cy, row step: disparity is 1000 * 120 / z, columns differ by 340 px more."""
 UPRIGHT = np.eye(3)
-SCALES = np.array([0.9, 0.9, 0.7, 1.0, 0.5])
+SCALES = (0.9, 0.9, 0.7, 1.0, 0.5)
+KEEP_ALL = 1e3
 NO_PROJECTOR = np.zeros(0)
 
 
@@ -46,12 +47,15 @@ class Plane:
     def phases(self, columns: np.ndarray, periods: tuple[float, ...] = (9.0, 14.0)) -> np.ndarray:
         return np.stack([wrapped(2 * np.pi / p * columns.astype(np.float64)) for p in periods]).astype(np.float32)
 
-    def candidates(self, periods: tuple[float, ...] = (9.0, 14.0), limit: int = 16) -> Candidates:
+    def candidates(
+        self, periods: tuple[float, ...] = (9.0, 14.0), limit: int = 16, surplus: float = KEEP_ALL
+    ) -> Candidates:
         left, right = self.phases(self.column_l, periods), self.phases(self.column_r, periods)
         flat_l, flat_r = np.full(left.shape[1:], 0.5, np.float32), np.full(right.shape[1:], 0.5, np.float32)
         found = find_candidates(
             left, right, flat_l > 0, flat_r > 0, flat_l, flat_r, 0 * flat_l, 0 * flat_r,
-            FRAME, UPRIGHT, np.array([400.0, 670.0]), NO_PROJECTOR, np.array(periods), SCALES, limit,
+            FRAME, UPRIGHT, np.array([400.0, 670.0]), NO_PROJECTOR, np.array(periods),
+            np.array([*SCALES, surplus]), limit,
         )  # fmt: skip
         return Candidates(*found)
 
@@ -87,6 +91,16 @@ class TestCandidates:
         found = plane.candidates()
         best = np.take_along_axis(found.x_right, found.cost.argmin(axis=2)[..., None], axis=2)[..., 0]
         assert np.abs(best - plane.x_right).max() < 0.01
+
+    def test_much_dearer_ones_are_dropped_and_the_order_kept(self) -> None:
+        whole, few = Plane().candidates(), Plane().candidates(surplus=0.8)
+        assert np.array_equal(few.count, (whole.cost <= whole.cost.min(axis=2, keepdims=True) + 0.8).sum(axis=2))
+        assert few.count.max() < whole.count.max()
+        slots = np.arange(few.x_right.shape[2]) < few.count[..., None]
+        assert np.array_equal(np.isfinite(few.x_right), slots)
+        assert np.array_equal(np.isfinite(few.cost), slots)
+        steps = np.diff(few.x_right, axis=2)
+        assert (steps[np.isfinite(steps)] > 0).all()
 
     def test_without_a_second_carrier_all_cost_the_same(self) -> None:
         found = Plane().candidates(periods=(9.0,))
