@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -156,8 +156,10 @@ def _projector_disagrees(points: PointMap, left: FringePhase, rig: Rig) -> bool:
     if rig.projector is None:
         return False
     limit = _SUSPICIOUS_RESIDUAL if left.column is None else _SUSPICIOUS_ABSOLUTE_RESIDUAL
-    sparse = np.where(np.arange(points.shape[0])[:, None, None] % 8 == 0, points.points, np.nan)
-    return bool(np.nanmedian(np.abs(projector_residual(sparse.astype(np.float64), left, rig))) > limit)
+    rows = slice(None, None, 8)
+    sparse = replace(left, carriers=left.carriers[:, rows])
+    residual = projector_residual(points.points[rows].astype(np.float64), sparse, rig)
+    return bool(np.isfinite(residual).any() and np.nanmedian(np.abs(residual)) > limit)
 
 
 def _cause_of_emptiness(points: PointMap, depth_range: tuple[float, float]) -> str:

@@ -81,7 +81,7 @@ def _bounded(residual, scale):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, inline="always")
 def _keep_plausible(x_right, cost, n, surplus):  # type: ignore[no-untyped-def]
-    """Drop candidates dearer than the cheapest by more than ``surplus``, keeping the order; returns how many are left."""
+    """Drop candidates dearer than the cheapest by more than ``surplus``, in place; returns how many are left."""
     cheapest = np.float32(np.inf)
     for i in range(n):
         cheapest = min(cheapest, cost[i])

@@ -23,6 +23,8 @@ from models.stereo.surfaces import claimed_twice, label_surfaces
 Float32Array = npt.NDArray[np.float32]
 Float64Array = npt.NDArray[np.float64]
 _TWO_PI = 2 * np.pi
+_STEEPEST_COLUMNS = 6.0
+"""Largest difference of projector columns within 3x3 pixels of one surface."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,8 @@ def build_point_map(
     if use_projector and rig.projector is not None:
         residual = projector_residual(points, left, rig)
         if column is not None:
-            filled = _fill_from_projector(points, column, usable & ~np.isfinite(x_right), rig, depth_range)
+            wanted = usable & ~np.isfinite(x_right) & inside_surface(np.where(usable, column, np.nan))
+            filled = _fill_from_projector(points, column, wanted, rig, depth_range)
             reason[filled], origin[filled], residual[filled] = Reason.VALID, Origin.LEFT_PROJECTOR, 0.0
             x_right[filled] = rectify(rig).canvas_coordinates("right", points[filled])[:, 0]
     quality = (low / settings.low) ** 2 + (residual / settings.projector) ** 2
@@ -109,6 +112,18 @@ def build_point_map(
         origin=np.where(valid, origin, Origin.NONE).astype(np.uint8),
         mask=reason,
     )
+
+
+def inside_surface(column: Float32Array) -> npt.NDArray[np.bool_]:
+    """Pixels (H, W) whose 3x3 neighbours all have a column and differ by less than ``_STEEPEST_COLUMNS``.
+
+    Pixels on an edge mix two surfaces; with one camera nothing else tells. column: NaN where unknown.
+    """
+    known = np.isfinite(column)
+    square = np.ones((3, 3), np.uint8)
+    largest = cv2.dilate(np.where(known, column, np.float32(1e6)), square)
+    smallest = cv2.erode(np.where(known, column, np.float32(-1e6)), square)
+    return np.asarray(largest - smallest < _STEEPEST_COLUMNS)
 
 
 def _fill_from_projector(
