@@ -25,6 +25,8 @@ Float64Array = npt.NDArray[np.float64]
 _TWO_PI = 2 * np.pi
 _STEEPEST_COLUMNS = 6.0
 """Largest difference of projector columns within 3x3 pixels of one surface."""
+_UNCONFIRMED = 0.7
+"""Doubt of a point that only one camera saw; its confidence is at most one half."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,7 @@ def build_point_map(
             reason[filled], origin[filled], residual[filled] = Reason.VALID, Origin.LEFT_PROJECTOR, 0.0
             x_right[filled] = rectify(rig).canvas_coordinates("right", points[filled])[:, 0]
     quality = (low / settings.low) ** 2 + (residual / settings.projector) ** 2
+    quality[origin == Origin.LEFT_PROJECTOR] += _UNCONFIRMED
     misfit = None if left.misfit is None else left.misfit.cpu().numpy()
     if misfit is not None:
         quality += misfit**2
