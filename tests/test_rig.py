@@ -13,9 +13,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.simulator.geometry import reference_rig
 from models.errors import CalibrationError, DuofringeError
 from models.geometry.device import Device
 from models.geometry.opencv_files import read_opencv_cameras
+from models.geometry.rectification import rectify
 from models.geometry.rig import Rig
 from models.patterns import Raster
 
@@ -313,3 +315,13 @@ def test_a_recorded_opencv_calibration_is_read(real_data):
     for device in (left, right):
         back = device.project(device.back_project(grid, np.full(grid.shape[:2], 900.0)))
         np.testing.assert_allclose(back, grid, atol=1e-5)
+
+
+def test_rigs_of_one_calibration_are_equal_so_that_what_is_built_for_them_is_built_once() -> None:
+    rig = reference_rig()
+    again = Rig.from_dict(rig.to_dict())
+    other = reference_rig("square")
+    assert again == rig
+    assert hash(again) == hash(rig)
+    assert other != rig
+    assert rectify(again) is rectify(rig)

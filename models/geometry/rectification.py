@@ -73,7 +73,7 @@ class Rectification:
 
 @lru_cache(maxsize=8)
 def rectify(rig: Rig) -> Rectification:
-    """Build the rectification of a rig, once per rig object.
+    """Build the rectification of a rig, once per calibration.
 
     Raises CalibrationError for cameras that cannot be rectified.
     """

@@ -48,6 +48,17 @@ class Rig:
                 f"{self.raster.columns} columns and {self.raster.rows} rows"
             )
 
+    @cached_property
+    def fingerprint(self) -> str:
+        """Text that two rigs share exactly when their calibrations are the same; caches of what is built go by it."""
+        return json.dumps(self.to_dict(), sort_keys=True, default=str)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Rig) and self.fingerprint == other.fingerprint
+
+    def __hash__(self) -> int:
+        return hash(self.fingerprint)
+
     @property
     def cameras(self) -> dict[Side, Device]:
         return {"left": self.left, "right": self.right}
