@@ -247,12 +247,7 @@ def _check_complete(folder: Path, plan: PatternPlan, sides: tuple[Side, ...]) ->
         for p in plan.patterns
         if not (folder / side / f"{p.name}.png").is_file()
     ]
-    for kind in sorted(plan.kinds):
-        members = plan.of_kind(kind)
-        first = members[0]
-        count = first.steps if first.is_fringe else first.bits if first.is_gray else 1
-        present = {p.step if first.is_fringe else p.bit if first.is_gray else 0 for p in members}
-        missing += [f"{side}/{kind}_{i:02d}.png" for side in sides for i in range(count or 1) if i not in present]
+    missing += [f"{side}/{name}.png" for side in sides for name in plan.missing_members]
     if missing:
         shown = ", ".join(missing[:4]) + (f" and {len(missing) - 4} more" if len(missing) > 4 else "")
         raise CaptureError(f"{folder}: damaged capture: lacks {shown}; restore the files or capture again")

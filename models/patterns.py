@@ -207,6 +207,20 @@ class PatternPlan(BaseModel):
         """Patterns of one kind in exposure order; empty where the plan has none."""
         return tuple(p for p in self.patterns if p.kind == kind)
 
+    @property
+    def missing_members(self) -> tuple[str, ...]:
+        """Names of the steps and planes that the plan's groups lack; empty when every group is whole."""
+        missing: list[str] = []
+        for kind in sorted(self.kinds):
+            members = self.of_kind(kind)
+            first = members[0]
+            if not (first.is_fringe or first.is_gray):
+                continue
+            present = {p.step if first.is_fringe else p.bit for p in members}
+            count = (first.steps if first.is_fringe else first.bits) or 1
+            missing += [f"{kind}_{i:02d}" for i in range(count) if i not in present]
+        return tuple(missing)
+
     def restricted_to(self, names: Iterable[str]) -> PatternPlan:
         """The same plan with only the named patterns, in plan order."""
         keep = frozenset(names)
