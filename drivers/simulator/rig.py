@@ -18,7 +18,7 @@ from drivers.simulator.exposure import ExposureShares, exposure_shares, exposure
 from drivers.simulator.geometry import reference_rig
 from drivers.simulator.lamp import Lamp, Levels
 from drivers.simulator.light import Footprints, ViewLight, view_light
-from drivers.simulator.optics import Optics, Profile, blur_image, pattern_profile
+from drivers.simulator.optics import Float32Array, Optics, Profile, blur_image, pattern_profile
 from drivers.simulator.scene import Scene
 from drivers.simulator.sensor import Sensor
 from drivers.simulator.truth import scene_truth
@@ -51,6 +51,19 @@ class Observation:
     views: dict[Side, ViewLight]
     truth: Truth
 
+    def light(self, side: Side, pattern: Pattern | None) -> Float32Array:
+        """Light (H, W) on one sensor before its noise, 1 = white level; without a pattern the projector is off."""
+        view = self.views[side]
+        light = view.ambient if pattern is None else view.under(self.simulated.profile(pattern))
+        return blur_image(light, self.simulated.optics.psf_px)
+
+    def read_out(
+        self, side: Side, light: Float32Array, name: str, seed: int | Sequence[int] = 0, sensor: Sensor | None = None
+    ) -> Image:
+        """The image (H, W), uint8 or uint16, that a sensor makes of light; noise depends on seed, side and name."""
+        rng = np.random.default_rng([*_seeds(seed), SIDES.index(side), zlib.crc32(name.encode())])
+        return (sensor or self.simulated.sensor).digitise(light, rng)
+
     def expose(
         self, side: Side, pattern: Pattern, seed: int | Sequence[int] = 0, sensor: Sensor | None = None
     ) -> Image:
@@ -58,10 +71,7 @@ class Observation:
 
         The noise depends on the seed, the side and the pattern's name only. sensor: other settings than the rig's.
         """
-        light = self.views[side].under(self.simulated.profile(pattern))
-        light = blur_image(light, self.simulated.optics.psf_px)
-        rng = np.random.default_rng([*_seeds(seed), SIDES.index(side), zlib.crc32(pattern.name.encode())])
-        return (sensor or self.simulated.sensor).digitise(light, rng)
+        return self.read_out(side, self.light(side, pattern), pattern.name, seed, sensor)
 
 
 @dataclass(frozen=True, eq=False)
