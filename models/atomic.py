@@ -6,10 +6,13 @@ import os
 import shutil
 import uuid
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
 from models.errors import DuofringeError
+
+_SYNC_THREADS = 8
 
 
 def require_parent(path: Path) -> None:
@@ -56,8 +59,9 @@ def atomic_folder(path: Path) -> Iterator[Path]:
     partial.mkdir()
     try:
         yield partial
-        for file in partial.rglob("*"):
-            _sync(file)
+        with ThreadPoolExecutor(_SYNC_THREADS) as pool:  # the disk takes them together for little more than one
+            for _ in pool.map(_sync, list(partial.rglob("*"))):
+                pass
         _sync(partial)
         partial.rename(path)
         _sync(path.parent)

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,9 +16,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from models.atomic import atomic_folder
 from models.errors import CaptureError, DuofringeError
 from models.geometry.rig import SIDES, Rig, Side
+from models.npy import read_npy, write_npy
 from models.patterns import Pattern, PatternIndexError, PatternKind, PatternPlan, make_pattern
 from models.png import Image as Image
-from models.png import read_png, write_png
+from models.png import png_header, read_png, read_pngs, write_png, write_pngs
 
 RECORD_NAME = "capture.json"
 SCHEMA: Literal["capture/1"] = "capture/1"
@@ -126,6 +127,28 @@ class Capture:
             raise CaptureError(f"{self.source}: {purpose} needs two views; the folder has no right/")
 
 
+class CaptureOutline(NamedTuple):
+    """A capture folder without its pixels. record: None where there is no ``capture.json``. size: (width, height)."""
+
+    record: CaptureRecord | None
+    plan: PatternPlan
+    sides: tuple[Side, ...]
+    size: tuple[int, int]
+
+
+def read_outline(folder: Path | str) -> CaptureOutline:
+    """What a capture folder holds, from its record, its file names and the header of one image.
+
+    Raises CaptureError as ``read_capture`` does, for everything that is found without reading pixels.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise CaptureError(f"capture '{folder}' is not a folder")
+    record, plan, sides = _read_structure(folder)
+    header = png_header(folder / "left" / f"{plan.patterns[0].name}.png")
+    return CaptureOutline(record, plan, sides, (header.width, header.height))
+
+
 def read_capture(
     folder: Path | str, *, kinds: Collection[PatternKind] | None = None, with_truth: bool = True
 ) -> Capture:
@@ -137,14 +160,10 @@ def read_capture(
     folder = Path(folder)
     if not folder.is_dir():
         raise CaptureError(f"capture '{folder}' is not a folder")
-    record = _read_record(folder)
-    plan = _plan_of(folder, record)
-    sides = SIDES if (folder / "right").is_dir() or _tells_of_right(record) else SIDES[:1]
-    _check_complete(folder, plan, sides)
+    record, plan, sides = _read_structure(folder)
     wanted = plan.patterns if kinds is None else tuple(p for p in plan.patterns if p.kind in kinds)
-    images: dict[Side, dict[str, Image]] = {
-        s: {p.name: read_png(folder / s / f"{p.name}.png") for p in wanted} for s in sides
-    }
+    decoded = iter(read_pngs([folder / s / f"{p.name}.png" for s in sides for p in wanted]))
+    images: dict[Side, dict[str, Image]] = {s: {p.name: next(decoded) for p in wanted} for s in sides}
     _check_sizes(folder, images)
     record = _with_depth_of(record, images, folder)
     try:
@@ -166,13 +185,27 @@ def write_capture(capture: Capture, folder: Path | str) -> None:
         }
     )
     with atomic_folder(Path(folder)) as partial:
-        for side, images in capture.images.items():
+        for side in capture.images:
             (partial / side).mkdir()
-            for pattern in capture.plan.patterns:
-                write_png(partial / side / f"{pattern.name}.png", images[pattern.name])
+        write_pngs(
+            {
+                partial / side / f"{pattern.name}.png": images[pattern.name]
+                for side, images in capture.images.items()
+                for pattern in capture.plan.patterns
+            }
+        )
         if capture.truth is not None:
             _write_truth(capture.truth, partial / "truth")
         (partial / RECORD_NAME).write_text(record.to_json(), encoding="utf-8")
+
+
+def _read_structure(folder: Path) -> tuple[CaptureRecord | None, PatternPlan, tuple[Side, ...]]:
+    """Record, plan and sides of a folder whose files are all there."""
+    record = _read_record(folder)
+    plan = _plan_of(folder, record)
+    sides = SIDES if (folder / "right").is_dir() or _tells_of_right(record) else SIDES[:1]
+    _check_complete(folder, plan, sides)
+    return record, plan, sides
 
 
 def _read_record(folder: Path) -> CaptureRecord | None:
@@ -293,32 +326,21 @@ def _read_truth(folder: Path, images: Mapping[Side, Mapping[str, Image]]) -> Tru
     directory = folder / "truth"
     if not directory.is_dir():
         return None
-    depth = _read_array(directory / "depth.npy").astype(np.float32)
-    column = _read_array(directory / "projector_column.npy").astype(np.float32)
+    depth = read_npy(directory / "depth.npy").astype(np.float32)
+    column = read_npy(directory / "projector_column.npy").astype(np.float32)
     foreground = read_png(directory / "foreground.png") > 0
     names = sorted(p.stem for p in directory.glob("*.npy") if p.stem not in ("depth", "projector_column"))
-    extra = {name: _read_array(directory / f"{name}.npy") for name in names}
+    extra = {name: read_npy(directory / f"{name}.npy") for name in names}
     shapes = {depth.shape, column.shape, foreground.shape, *(image.shape for image in images["left"].values())}
     if len(shapes) > 1:
         raise CaptureError(f"{directory}: depth, projector_column, foreground and the left images differ in size")
     return Truth(depth, column, foreground, extra)
 
 
-def _read_array(path: Path) -> npt.NDArray[Any]:
-    """A ``.npy`` of numbers; raises CaptureError naming the file."""
-    try:
-        array = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise CaptureError(f"{path}: truth is not readable ({error})") from error
-    if not isinstance(array, np.ndarray) or array.dtype.kind not in "biuf":
-        raise CaptureError(f"{path}: truth is not an array of numbers")
-    return array
-
-
 def _write_truth(truth: Truth, directory: Path) -> None:
     directory.mkdir()
-    np.save(directory / "depth.npy", truth.depth.astype(np.float32))
-    np.save(directory / "projector_column.npy", truth.projector_column.astype(np.float32))
+    write_npy(directory / "depth.npy", truth.depth.astype(np.float32))
+    write_npy(directory / "projector_column.npy", truth.projector_column.astype(np.float32))
     write_png(directory / "foreground.png", truth.foreground.astype(np.uint8) * np.uint8(255))
     for name, array in truth.extra.items():
-        np.save(directory / f"{name}.npy", array)
+        write_npy(directory / f"{name}.npy", array)
