@@ -74,6 +74,7 @@ class Bench:
 
     All images of a sequence are made when the cameras are armed, so that none is late for being slow to make.
     shown: the pattern that the projector holds. sequence: what it has loaded. brightness: of its lamp, 0..1.
+    pulses_sent: on the trigger line, since the rig was made.
     """
 
     def __init__(self, source: SceneSource, faults: Faults, time: BenchTime) -> None:
@@ -83,6 +84,7 @@ class Bench:
         self.shown: Pattern | None = None
         self.sequence: LoadedSequence | None = None
         self.brightness = 1.0
+        self.pulses_sent = 0
         self._lock = threading.RLock()
         self._receivers: dict[Side, EdgeReceiver] = {}
         self._batches: dict[Side, _Batch] = {}
@@ -134,6 +136,14 @@ class Bench:
             shot = self._next_shot(side)
             return self.source.view(side, self.shown, settings, brightness=self.brightness, shot=shot)
 
+    def send_stray_pulse(self, side: Side) -> None:
+        """A pulse on one camera's line that no projector sent."""
+        at_us = self.time.now_us()
+        receiver = self._receivers[side]
+        settings = receiver.edge_settings
+        if settings is not None:
+            receiver.on_edge(at_us, self.view(side, settings))
+
     def _next_shot(self, side: Side) -> int:
         shot = self._shots.get(side, 0)
         self._shots[side] = shot + 1
@@ -141,6 +151,7 @@ class Bench:
 
     def send_pulse(self, index: int, at_us: float, faults: SequenceFaults) -> None:
         """Pulse ``index`` of the loaded sequence on both cameras' lines."""
+        self.pulses_sent += 1
         for side, receiver in self._receivers.items():
             if faults.at("dead_camera", side, index):
                 receiver.die()

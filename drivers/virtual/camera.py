@@ -73,6 +73,7 @@ class VirtualCamera:
         self._state = CameraState.CLOSED
         self._held: CameraSettings | None = None
         self._lost = False
+        self._plugged = True
         self._trigger: Trigger | None = None
         self._arming = 0
         self._arrivals: deque[_Arrival] = deque()
@@ -94,7 +95,7 @@ class VirtualCamera:
         with self._changed:
             if self._state is not CameraState.CLOSED:
                 raise self._wrong_state("be opened")
-            if self._lost and self._bench.faults.spend("dead_camera", self._side):
+            if not self._plugged or (self._lost and self._bench.faults.spend("dead_camera", self._side)):
                 raise DeviceNotFoundError(self.name, "does not answer; check its cable and power")
             info = self._bench.source.camera_info(self._side)
             self._lost = False
@@ -163,9 +164,7 @@ class VirtualCamera:
         if trigger is Trigger.HARDWARE_EDGE:
             self._bench.get_ready()
             if self._bench.faults.strike("early", self._side):
-                settings = self.edge_settings
-                if settings is not None:
-                    self.on_edge(self._bench.time.now_us(), self._bench.view(self._side, settings), forced=True)
+                self._bench.send_stray_pulse(self._side)
 
     def wait_frame(self, timeout_s: float) -> Frame:
         deadline = time.monotonic() + timeout_s
@@ -292,6 +291,15 @@ class VirtualCamera:
                 self._state = CameraState.FAULT
                 self._lost = True
                 self._changed.notify_all()
+
+    def unplug(self) -> None:
+        """Be gone until ``plug``."""
+        self._plugged = False
+        self.die()
+
+    def plug(self) -> None:
+        """Be there again; a camera that was open must be closed and opened."""
+        self._plugged = True
 
     def drift(self) -> None:
         """See ``EdgeReceiver``."""

@@ -31,7 +31,7 @@ _LEAD_US = 5000.0
 def check_plan(plan: PatternPlan, period_us: float, info: ProjectorInfo) -> LoadedSequence:
     """The plan as a projector of these limits shows it; raises SequenceInvalidError naming what it cannot show.
 
-    Pulses come ``period_us`` apart, or as far as the longest exposure and its dark time need.
+    Pulses come ``period_us`` apart, and further where the dark time after the longest exposure needs it.
     """
     limits = info.limits
     if not plan.patterns:
@@ -40,7 +40,7 @@ def check_plan(plan: PatternPlan, period_us: float, info: ProjectorInfo) -> Load
         raise SequenceInvalidError(NAME, f"plan '{plan.name}' has {len(plan)} patterns; it shows {limits.patterns}")
     if not (math.isfinite(period_us) and period_us >= 0):
         raise SequenceInvalidError(NAME, f"a period of {period_us} us is impossible")
-    exposures = [_exposure_us(pattern, info) for pattern in plan.patterns]
+    exposures = [_exposure_us(pattern, period_us, info) for pattern in plan.patterns]
     missing = unstored(plan, info.stored)
     if missing is not None:
         raise SequenceInvalidError(NAME, f"pattern '{missing.name}' is not stored with these parameters")
@@ -49,7 +49,7 @@ def check_plan(plan: PatternPlan, period_us: float, info: ProjectorInfo) -> Load
     return LoadedSequence(plan, pulses_us, pulses_us[-1] + exposures[-1])
 
 
-def _exposure_us(pattern: Pattern, info: ProjectorInfo) -> float:
+def _exposure_us(pattern: Pattern, period_us: float, info: ProjectorInfo) -> float:
     limits = info.limits
     binary = pattern.is_uniform or pattern.is_gray
     least = limits.binary_exposure_us if binary else limits.exposure_us[0]
@@ -62,6 +62,11 @@ def _exposure_us(pattern: Pattern, info: ProjectorInfo) -> float:
             NAME,
             f"pattern '{pattern.name}' is to last {pattern.exposure_us:g} us; "
             f"a pattern of {depth} bits takes {least:g} to {most:g} us",
+        )
+    if pattern.exposure_us > period_us:
+        raise SequenceInvalidError(
+            NAME,
+            f"pattern '{pattern.name}' is to last {pattern.exposure_us:g} us, more than the period of {period_us:g} us",
         )
     return pattern.exposure_us
 
@@ -77,6 +82,7 @@ class VirtualProjector:
         self._lock = threading.RLock()
         self._state = ProjectorState.CLOSED
         self._lost = False
+        self._plugged = True
         self._halt = threading.Event()
         self._player: threading.Thread | None = None
 
@@ -97,7 +103,7 @@ class VirtualProjector:
         with self._lock:
             if self._state is not ProjectorState.CLOSED:
                 raise DeviceStateError(NAME, f"cannot be opened while it is {self._state}")
-            if self._lost and self._bench.faults.spend("unplugged"):
+            if not self._plugged or (self._lost and self._bench.faults.spend("unplugged")):
                 raise DeviceNotFoundError(NAME, "does not answer; check its cable and power")
             info = self._bench.source.projector_info
             self._lost = False
@@ -197,6 +203,21 @@ class VirtualProjector:
             self._state = ProjectorState.CLOSED
         if player is not None:
             player.join()
+
+    def unplug(self) -> None:
+        """Be gone until ``plug``."""
+        player = self._end_sequence()
+        with self._lock:
+            self._plugged = False
+            if self._state is not ProjectorState.CLOSED:
+                self._go_dark()
+                self._state = ProjectorState.FAULT
+        if player is not None:
+            player.join()
+
+    def plug(self) -> None:
+        """Be there again; a projector that was open must be closed and opened."""
+        self._plugged = True
 
     def _end_sequence(self) -> threading.Thread | None:
         """Send no more pulses; returns the thread that is to be joined, outside the lock that it may want."""

@@ -1,0 +1,1 @@
+"""Recorded captures, shown again bit for bit."""
