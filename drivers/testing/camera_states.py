@@ -44,13 +44,13 @@ class CameraStates:
     """The diagram of drivers/camera.py."""
 
     def test_a_new_camera_is_closed_and_has_a_name(self, camera: Camera) -> None:
-        assert isinstance(camera, Camera)
         assert_state(camera, CameraState.CLOSED)
         assert camera.name
         assert camera.name == camera.name.strip()
 
     def test_info_is_what_open_returned(self, camera: Camera) -> None:
         info = camera.open()
+        assert isinstance(camera, Camera)
         assert isinstance(info, CameraInfo)
         assert_state(camera, CameraState.OPEN)
         assert camera.info == info

@@ -51,13 +51,13 @@ class ProjectorStates:
     """The diagram of drivers/projector.py."""
 
     def test_a_new_projector_is_closed_and_has_a_name(self, projector: Projector) -> None:
-        assert isinstance(projector, Projector)
         assert_state(projector, ProjectorState.CLOSED)
         assert projector.name
         assert projector.name == projector.name.strip()
 
     def test_info_is_what_open_returned(self, projector: Projector) -> None:
         info = projector.open()
+        assert isinstance(projector, Projector)
         assert_state(projector, ProjectorState.OPEN)
         assert projector.info == info
         assert info.driver
@@ -95,6 +95,7 @@ class ProjectorStates:
             assert_state(projector, ProjectorState.CLOSED)
         sent = bench.pulses()
         info = projector.open()
+        assert isinstance(projector, Projector)
         assert_state(projector, ProjectorState.OPEN)
         with refused(projector, DeviceStateError):
             projector.start()
