@@ -10,11 +10,14 @@ import typer
 
 from models.errors import DuofringeError
 from service.cli import console
+from service.cli.capture import register as register_capture
 from service.cli.demo import register as register_demo
+from service.cli.doctor import register as register_doctor
 from service.cli.evaluate import register as register_evaluate
 from service.cli.import_set import register as register_import
 from service.cli.patterns import register as register_patterns
 from service.cli.reconstruct import register as register_reconstruct
+from service.cli.serve import register as register_serve
 from service.cli.simulate import register as register_simulate
 
 FAILED = 1
@@ -22,7 +25,7 @@ _DEBUG = "--debug"
 
 app = typer.Typer(
     name="duofringe",
-    help="Structured-light captures: simulate, import, reconstruct, evaluate.",
+    help="Structured-light captures: take, serve, simulate, import, reconstruct, evaluate.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -40,11 +43,14 @@ def _common(
 
 for register in (
     register_demo,
+    register_serve,
+    register_capture,
     register_reconstruct,
     register_evaluate,
     register_simulate,
     register_import,
     register_patterns,
+    register_doctor,
 ):
     register(app)
 

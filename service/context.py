@@ -1,0 +1,39 @@
+"""What every operation of the service works with, made at start and closed at the end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from fastapi import Depends, Request
+
+from service.acquisition.orchestrator import Orchestrator
+from service.compute import ComputeLane
+from service.library import Library
+from service.settings import ServiceSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Service:
+    """One rig, one library, one compute lane."""
+
+    settings: ServiceSettings
+    orchestrator: Orchestrator
+    library: Library
+    compute: ComputeLane
+
+    def close(self) -> None:
+        """Leave the rig safe first, then finish what computes, then let go of the library."""
+        self.orchestrator.close()
+        self.compute.close()
+        self.library.close()
+
+
+def service_of(request: Request) -> Service:
+    """The service behind a request."""
+    service = request.app.state.service
+    assert isinstance(service, Service)
+    return service
+
+
+ServiceDep = Annotated[Service, Depends(service_of)]
