@@ -26,7 +26,8 @@ def _partial(path: Path) -> Path:
     return path.with_name(f".{path.stem}.partial-{uuid.uuid4().hex[:8]}{path.suffix}")
 
 
-def _sync(path: Path) -> None:
+def sync(path: Path) -> None:
+    """Wait until a file's content, or the names in a folder, would survive a power failure."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -43,7 +44,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
     partial = _partial(path)
     try:
         yield partial
-        _sync(partial)
+        sync(partial)
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
@@ -60,11 +61,11 @@ def atomic_folder(path: Path) -> Iterator[Path]:
     try:
         yield partial
         with ThreadPoolExecutor(_SYNC_THREADS) as pool:  # the disk takes them together for little more than one
-            for _ in pool.map(_sync, list(partial.rglob("*"))):
+            for _ in pool.map(sync, list(partial.rglob("*"))):
                 pass
-        _sync(partial)
+        sync(partial)
         partial.rename(path)
-        _sync(path.parent)
+        sync(path.parent)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 

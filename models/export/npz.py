@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import tokenize
+import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
 
+from models.errors import ReconstructionError
 from models.points import PointMap
 
 ARRAYS = (
@@ -21,7 +25,28 @@ ARRAYS = (
 )
 
 
-def write_npz(points: PointMap, path: Path) -> None:
-    """Compressed arrays on the left sensor's grid, named and typed as in ``PointMap``; mm, rad."""
+def write_npz(points: PointMap, path: Path, *, compressed: bool = True) -> None:
+    """Arrays on the left sensor's grid, named and typed as in ``PointMap``; mm, rad. Plain ones take a tenth of the
+    time and three times the space."""
+    write = np.savez_compressed if compressed else np.savez
     with path.open("wb") as file:  # by name, numpy would add a suffix that it does not know
-        np.savez_compressed(file, **{name: getattr(points, name) for name in ARRAYS})
+        write(file, **{name: getattr(points, name) for name in ARRAYS})
+
+
+def read_npz(path: Path) -> PointMap:
+    """A point map as ``write_npz`` wrote it, compressed or plain.
+
+    Raises ReconstructionError naming the file when it is absent, damaged, or holds other arrays.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in ARRAYS}
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, tokenize.TokenError) as error:
+        raise ReconstructionError(f"{path}: not readable as a point map ({' '.join(str(error).split())})") from error
+    shape = arrays["mask"].shape
+    for name, array in arrays.items():
+        expected = (*shape, 3) if name in ("points", "normals") else shape
+        dtype = np.uint8 if name in ("origin", "mask") else np.float32
+        if len(shape) != 2 or array.shape != expected or array.dtype != dtype:
+            raise ReconstructionError(f"{path}: its array '{name}' is not that of a point map")
+    return PointMap(**arrays)

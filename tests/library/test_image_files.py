@@ -19,7 +19,7 @@ SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 def test_memory_is_measured() -> None:
-    with pytest.raises(AssertionError, match="MiB"), memory_taken_below(50):  # noqa: PT012
+    with pytest.raises(AssertionError, match="MiB"), memory_taken_below(50):
         np.ones(100 << 20, np.uint8)
 
 
