@@ -73,7 +73,7 @@ class ReplaySource:
             if name is None:
                 name = self._names[self._next]
             elif name not in self._names:
-                raise DeviceNotFoundError(NAME, f"'{self._shelf.folder}' has no usable capture '{name[:80]}'")
+                raise DeviceNotFoundError(NAME, f"'{self._shelf.folder}' has no usable capture {name[:80]!r}")
             self._next = (self._names.index(name) + 1) % len(self._names)
             if name != self._scene:
                 self._capture = self._read(name)

@@ -55,7 +55,7 @@ class SimulatedSource:
         if name is None:
             return self.scene
         if _SCENE_NAME.fullmatch(name) is None:
-            raise DeviceNotFoundError("simulated scene", f"'{name[:40]}' is none; scenes are named 0, 1, ... 999999")
+            raise DeviceNotFoundError("simulated scene", f"{name[:40]!r} is none; scenes are named 0, 1, ... 999999")
         with self._lock:
             if int(name) != self._index:
                 self._index = int(name)

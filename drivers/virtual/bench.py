@@ -33,7 +33,7 @@ class EdgeReceiver(Protocol):
     def on_edge(
         self, at_us: float, image: Image, *, delivery: Delivery = "whole", delay_s: float = 0.0, forced: bool = False
     ) -> None:
-        """A pulse at bench time ``at_us``; ``forced`` ones are taken even while the camera is busy."""
+        """A pulse at bench time ``at_us``; ``forced`` ones neither mind that the camera is busy nor make it so."""
         ...
 
     def die(self) -> None: ...
@@ -136,13 +136,13 @@ class Bench:
             shot = self._next_shot(side)
             return self.source.view(side, self.shown, settings, brightness=self.brightness, shot=shot)
 
-    def send_stray_pulse(self, side: Side) -> None:
-        """A pulse on one camera's line that no projector sent."""
+    def send_stray_pulse(self, side: Side, *, forced: bool = False) -> None:
+        """A pulse on one camera's line that no projector sent; see ``EdgeReceiver`` for forced ones."""
         at_us = self.time.now_us()
         receiver = self._receivers[side]
         settings = receiver.edge_settings
         if settings is not None:
-            receiver.on_edge(at_us, self.view(side, settings))
+            receiver.on_edge(at_us, self.view(side, settings), forced=forced)
 
     def _next_shot(self, side: Side) -> int:
         shot = self._shots.get(side, 0)
@@ -163,7 +163,7 @@ class Bench:
     def _expose(self, side: Side, receiver: EdgeReceiver, index: int, at_us: float, faults: SequenceFaults) -> None:
         with self._lock:
             batch = self._batches.get(side)
-            if batch is None or index >= len(batch.images):
+            if batch is None or self.sequence is None or batch.plan != self.sequence.plan:
                 return
             if not batch.used:
                 batch.used = True

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -172,4 +173,4 @@ def ids_of(got: list[Frame | DriverError]) -> list[int]:
 def gaps_of(got: list[Frame | DriverError]) -> list[float]:
     """Microseconds between frames on the camera's clock."""
     times = [frame.device_ns for frame in frames_of(got)]
-    return [(b - a) / 1000 for a, b in zip(times, times[1:], strict=False)]
+    return [(b - a) / 1000 for a, b in pairwise(times)]
