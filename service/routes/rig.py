@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any, Literal
 
 from fastapi import APIRouter
@@ -41,7 +42,7 @@ class DeviceView(BaseModel):
 class CalibrationView(BaseModel):
     """The calibration that the next capture will carry."""
 
-    fingerprint: str
+    fingerprint: str = Field(description="SHA-256; reconstructions name theirs the same way.")
     has_projector: bool
     working_range_mm: tuple[float, float]
     quality: dict[str, Any]
@@ -204,7 +205,7 @@ def _calibration_view(orchestrator: Orchestrator) -> CalibrationView | None:
     if rig is None:
         return None
     return CalibrationView(
-        fingerprint=rig.fingerprint,
+        fingerprint=hashlib.sha256(rig.fingerprint.encode()).hexdigest(),
         has_projector=rig.projector is not None,
         working_range_mm=rig.working_depths,
         quality=dict(rig.quality),
