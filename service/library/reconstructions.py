@@ -187,7 +187,7 @@ class ReconstructionStore:
         except DiskFullError:
             raise
         except DuofringeError as error:
-            if folder.is_dir() and path.parent.is_dir() and not isinstance(error, ReconstructionError):
+            if folder.is_dir() and not isinstance(error, ReconstructionError):
                 raise
             raise _fault(id, folder, error) from error
         finally:

@@ -89,7 +89,8 @@ def _warnings(warnings: Iterable[Any]) -> str:
 
 def _figures(pictures: list[tuple[str, str]]) -> str:
     figures = "".join(
-        f'<figure><img src="{escape(source)}" alt="{escape(caption)}"><figcaption>{escape(caption)}</figcaption></figure>\n'
+        f'<figure><img src="{escape(source)}" alt="{escape(caption)}">'
+        f"<figcaption>{escape(caption)}</figcaption></figure>\n"
         for caption, source in pictures
     )
     return f'<h2>Pictures</h2>\n<div class="figures">\n{figures}</div>\n' if figures else ""
