@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-from collections import deque
-from dataclasses import dataclass
 
 from drivers.camera import (
     AppliedSettings,
@@ -27,6 +26,7 @@ from drivers.errors import (
 )
 from drivers.virtual.bench import Bench, Delivery
 from drivers.virtual.clock import DeviceClock
+from drivers.virtual.stream import Stream
 from models.capture import Image
 from models.geometry.rig import Side
 
@@ -50,14 +50,6 @@ FEATURES: dict[str, str | float | bool] = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class _Arrival:
-    """A frame, or what is wrong with it, and when it has come: ``time.monotonic`` seconds."""
-
-    content: Frame | IncompleteFrameError
-    due_s: float
-
-
 class VirtualCamera:
     """Implements Camera, EdgeTriggered and SoftwareTriggered.
 
@@ -75,12 +67,9 @@ class VirtualCamera:
         self._lost = False
         self._plugged = True
         self._trigger: Trigger | None = None
-        self._arming = 0
-        self._arrivals: deque[_Arrival] = deque()
-        self._frames_taken = 0
-        self._last_start_us = -1e18
+        self._stream: Stream | None = None
         self._statistics = StreamStatistics()
-        self._delivered = self._lost_frames = 0
+        self._last_start_us = -math.inf
         bench.attach(side, self)
 
     @property
@@ -154,11 +143,8 @@ class VirtualCamera:
     def arm(self, frames: int | None, trigger: Trigger) -> None:
         with self._changed:
             self._require("be armed", CameraState.CONFIGURED)
-            self._arming += 1
-            self._arrivals.clear()
-            self._frames_taken = self._delivered = self._lost_frames = 0
-            self._statistics = StreamStatistics()
-            self._last_start_us = -1e18
+            self._stream = Stream()
+            self._last_start_us = -math.inf
             self._trigger = trigger
             self._state = CameraState.ARMED
         if trigger is Trigger.HARDWARE_EDGE:
@@ -169,37 +155,32 @@ class VirtualCamera:
     def wait_frame(self, timeout_s: float) -> Frame:
         deadline = time.monotonic() + timeout_s
         with self._changed:
-            if self._state is not CameraState.FAULT:
+            stream = self._stream
+            if stream is None:
                 self._require("give a frame", CameraState.ARMED)
-            arming = self._arming
+            assert stream is not None
             if self._state is CameraState.ARMED and self._trigger is Trigger.FREE_RUN:
-                return self._run_freely(arming, deadline, timeout_s)
+                return self._run_freely(stream, deadline, timeout_s)
             while True:
-                self._require_still(arming)
-                due_s = self._arrivals[0].due_s if self._arrivals else deadline
-                if self._arrivals and due_s <= time.monotonic():
-                    return self._claim(self._arrivals.popleft())
-                if not self._arrivals and self._state is CameraState.FAULT:
+                self._require_still(stream)
+                due_s = stream.due_s
+                if due_s is not None and due_s <= time.monotonic():
+                    return stream.claim()
+                if due_s is None and self._state is CameraState.FAULT:
                     raise self._lost_error()
-                self._sleep_until(min(due_s, deadline), deadline, timeout_s)
+                self._sleep_until(deadline if due_s is None else due_s, deadline, timeout_s)
 
     def _sleep_until(self, wake_s: float, deadline: float, timeout_s: float) -> None:
         now = time.monotonic()
         if now >= deadline:
-            raise FrameTimeoutError(self.name, f"no frame within {timeout_s:g} s", index=self._delivered)
-        self._changed.wait(max(0.0, wake_s - now))
+            raise FrameTimeoutError(self.name, f"no frame within {timeout_s:g} s")
+        self._changed.wait(max(0.0, min(wake_s, deadline) - now))
 
-    def _require_still(self, arming: int) -> None:
-        if self._arming != arming or self._state not in (CameraState.ARMED, CameraState.FAULT):
+    def _require_still(self, stream: Stream) -> None:
+        if self._stream is not stream:
             raise DeviceStateError(self.name, "was disarmed or closed while a frame was awaited")
 
-    def _claim(self, arrival: _Arrival) -> Frame:
-        if isinstance(arrival.content, IncompleteFrameError):
-            raise arrival.content
-        self._delivered += 1
-        return arrival.content
-
-    def _run_freely(self, arming: int, deadline: float, timeout_s: float) -> Frame:
+    def _run_freely(self, stream: Stream, deadline: float, timeout_s: float) -> Frame:
         """Called with the lock held; lets go of it while the image is made."""
         assert self._held is not None
         held, bench = self._held, self._bench
@@ -207,8 +188,8 @@ class VirtualCamera:
         start_us = max(bench.time.now_us(), self._last_start_us + period_us)
         end_s = bench.time.comes_s(start_us + held.exposure_us)
         while time.monotonic() < end_s:
-            self._sleep_until(min(end_s, deadline), deadline, timeout_s)
-            self._require_still(arming)
+            self._sleep_until(end_s, deadline, timeout_s)
+            self._require_still(stream)
             if self._state is CameraState.FAULT:
                 raise self._lost_error()
         self._last_start_us = start_us
@@ -219,8 +200,10 @@ class VirtualCamera:
             image = bench.view(self._side, settings)
         finally:
             self._changed.acquire()
-        self._require_still(arming)
-        return self._claim(_Arrival(self._frame(start_us, image, held, time.monotonic()), 0.0))
+        self._require_still(stream)
+        now = time.monotonic()
+        stream.put(self._frame(stream, start_us, image, held, now), now)
+        return stream.claim()
 
     def software_trigger(self) -> None:
         with self._changed:
@@ -228,14 +211,14 @@ class VirtualCamera:
             if self._trigger is not Trigger.SOFTWARE:
                 raise DeviceStateError(self.name, "cannot be triggered by a call; it is armed for something else")
             assert self._held is not None
-            arming, held = self._arming, self._held
+            stream, held = self._stream, self._held
             start_us = max(self._bench.time.now_us(), self._last_start_us + self.min_period_us(held))
             self._last_start_us = start_us
         self._bench.time.reach(start_us)
         image = self._bench.view(self._side, self._applied(held))
         with self._changed:
-            if self._arming == arming and self._state is CameraState.ARMED:
-                self._take(start_us, image, held, "whole", 0.0)
+            if stream is not None and self._stream is stream and self._state is CameraState.ARMED:
+                self._take(stream, start_us, image, held, "whole", 0.0)
 
     def disarm(self) -> StreamStatistics:
         with self._changed:
@@ -251,16 +234,10 @@ class VirtualCamera:
             self._held = None
 
     def _end_stream(self) -> None:
-        if self._trigger is None:
-            return
-        now = time.monotonic()
-        whole = [a for a in self._arrivals if isinstance(a.content, Frame)]
-        came = sum(a.due_s <= now for a in whole)
-        self._statistics = StreamStatistics(self._delivered, came, self._lost_frames + len(whole) - came)
-        self._arrivals.clear()
-        self._trigger = None
-        self._arming += 1
-        self._changed.notify_all()
+        if self._stream is not None:
+            self._statistics = self._stream.statistics()
+            self._stream = None
+            self._changed.notify_all()
 
     @property
     def edge_settings(self) -> AppliedSettings | None:
@@ -278,11 +255,12 @@ class VirtualCamera:
             if self._state is not CameraState.ARMED or self._trigger is not Trigger.HARDWARE_EDGE:
                 return
             assert self._held is not None
+            assert self._stream is not None
             if not forced:
                 if at_us - self._last_start_us < self.min_period_us(self._held) - 1e-3:
                     return
                 self._last_start_us = at_us
-            self._take(at_us, image, self._held, delivery, delay_s)
+            self._take(self._stream, at_us, image, self._held, delivery, delay_s)
 
     def die(self) -> None:
         """See ``EdgeReceiver``: what was under way still arrives."""
@@ -309,25 +287,24 @@ class VirtualCamera:
                     update={"exposure_us": float(round(self._held.exposure_us * _DRIFT))}
                 )
 
-    def _take(self, at_us: float, image: Image, held: CameraSettings, delivery: Delivery, delay_s: float) -> None:
-        """Expose, read out and put in the queue, behind what was there; the lock is held."""
-        due_s = max(self._bench.time.comes_s(at_us + held.exposure_us + READOUT_US), time.monotonic()) + delay_s
-        if self._arrivals:
-            due_s = max(due_s, self._arrivals[-1].due_s)
-        frame = self._frame(at_us, image, held, due_s)
+    def _take(
+        self, stream: Stream, at_us: float, image: Image, held: CameraSettings, delivery: Delivery, delay_s: float
+    ) -> None:
+        """Expose, read out, and send behind what was sent before; the lock is held."""
+        readout_ends_s = self._bench.time.comes_s(at_us + held.exposure_us + READOUT_US)
+        due_s = stream.behind(max(readout_ends_s, time.monotonic()) + delay_s)
+        frame = self._frame(stream, at_us, image, held, due_s)
         if delivery == "dropped":
-            self._lost_frames += 1
-            return
-        content: Frame | IncompleteFrameError = frame
-        if delivery == "truncated":
-            index = self._frames_taken - 1
-            content = IncompleteFrameError(self.name, "half of its lines came", index=index)
-        self._arrivals.append(_Arrival(content, due_s))
+            stream.lose()
+        elif delivery == "truncated":
+            stream.put(IncompleteFrameError(self.name, "half of its lines came", index=stream.exposures - 1), due_s)
+        else:
+            stream.put(frame, due_s)
         self._changed.notify_all()
 
-    def _frame(self, at_us: float, image: Image, held: CameraSettings, due_s: float) -> Frame:
-        frame_id = self._bench.source.camera_info(self._side).first_frame_id + self._frames_taken
-        self._frames_taken += 1
+    def _frame(self, stream: Stream, at_us: float, image: Image, held: CameraSettings, due_s: float) -> Frame:
+        frame_id = self._bench.source.camera_info(self._side).first_frame_id + stream.exposures
+        stream.exposures += 1
         return Frame(
             image=image.copy(),
             frame_id=frame_id,
