@@ -5,9 +5,12 @@ from __future__ import annotations
 import tokenize
 import zipfile
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from models.errors import ReconstructionError
 from models.points import PointMap
@@ -25,6 +28,13 @@ ARRAYS = (
 )
 
 
+_FAULTS = (
+    *(OSError, ValueError, OverflowError, KeyError, EOFError, AttributeError, TypeError),
+    *(zipfile.BadZipFile, zlib.error, tokenize.TokenError),
+)
+"""What numpy raises over a file that is no archive of arrays."""
+
+
 def write_npz(points: PointMap, path: Path, *, compressed: bool = True) -> None:
     """Arrays on the left sensor's grid, named and typed as in ``PointMap``; mm, rad. Plain ones take a tenth of the
     time and three times the space."""
@@ -38,11 +48,7 @@ def read_npz(path: Path) -> PointMap:
 
     Raises ReconstructionError naming the file when it is absent, damaged, or holds other arrays.
     """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in ARRAYS}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, tokenize.TokenError) as error:
-        raise ReconstructionError(f"{path}: not readable as a point map ({' '.join(str(error).split())})") from error
+    arrays = read_arrays(path, ARRAYS)
     shape = arrays["mask"].shape
     for name, array in arrays.items():
         expected = (*shape, 3) if name in ("points", "normals") else shape
@@ -50,3 +56,12 @@ def read_npz(path: Path) -> PointMap:
         if len(shape) != 2 or array.shape != expected or array.dtype != dtype:
             raise ReconstructionError(f"{path}: its array '{name}' is not that of a point map")
     return PointMap(**arrays)
+
+
+def read_arrays(path: Path, names: Iterable[str]) -> dict[str, npt.NDArray[Any]]:
+    """Arrays of an ``.npz`` by name; raises ReconstructionError naming the file when it is damaged or lacks one."""
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:  # by name, numpy leaks a bad file
+            return {name: file[name] for name in names}
+    except _FAULTS as error:
+        raise ReconstructionError(f"{path}: not readable as arrays ({' '.join(str(error).split())})") from error

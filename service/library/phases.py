@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from models.errors import ReconstructionError
+from models.export.npz import read_arrays
 from models.geometry.rig import Side
 from models.phase.fringe import FringePhase
 from models.points import Reason
@@ -35,11 +35,8 @@ def write_phases(phases: Mapping[Side, FringePhase], path: Path) -> None:
 
 def read_phase(path: Path, carrier: Carrier, side: Side) -> npt.NDArray[np.float32]:
     """One wrapped phase, float32 (H, W), rad to 5e-5, NaN where it must not be used; raises ReconstructionError."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            levels = file[f"{carrier}_{side}"]
-    except (OSError, ValueError, KeyError) as error:
-        raise ReconstructionError(f"{path}: holds no {carrier} phase of the {side} view ({error})") from error
+    name = f"{carrier}_{side}"
+    levels = read_arrays(path, [name])[name]
     wrapped = levels.astype(np.float32) * _STEP - np.float32(np.pi)
     wrapped[levels == _UNUSABLE] = np.nan
     return np.asarray(wrapped, np.float32)
