@@ -191,9 +191,9 @@ def _no_response(
         return camera.exposure_us * settings.projector.brightness * float(10 ** (camera.gain_db / 20))
 
     changes = [abs(np.log(light(now[0], side) / light(previous[0], side))) for side in now[1]]
-    moved = [abs(now[1][side].brightest - previous[1][side].brightest) for side in now[1]]
-    clipped = any(reading.brightest >= 0.995 for reading in now[1].values())
-    return max(changes) > np.log(4 / 3) and max(moved) < 0.005 and not clipped
+    pairs = [(now[1][side], previous[1][side]) for side in now[1]]
+    moved = [max(abs(a.brightest - b.brightest), abs(a.saturated - b.saturated)) for a, b in pairs]
+    return max(changes) > np.log(4 / 3) and max(moved) < 0.001
 
 
 def _limit_reason(readings: Mapping[Side, Reading], request: AssistRequest) -> str:

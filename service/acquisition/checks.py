@@ -159,14 +159,14 @@ def _frame_fault(frame: Frame, applied: AppliedSettings) -> str | None:
 
 
 def _late(sequence: RecordedSequence, late_s: float) -> list[Finding]:
-    """Frames held up on their way: against the quickest of their own view, and against the other view's arrival."""
+    """Frames held up on their way: against those before in their view, and against the other view's arrival."""
     found = []
     views = tuple(sequence.views.values())
     for view in views:
         if not view.frames:
             continue
         delays = np.array([frame.host_ns - frame.device_ns for frame in view.frames])
-        over = (delays - delays.min()) / 1e9
+        over = (delays - np.minimum.accumulate(delays)) / 1e9
         for other in views:
             if other is not view and len(other.frames) == len(view.frames):
                 arrivals = [(a.host_ns - b.host_ns) / 1e9 for a, b in zip(view.frames, other.frames, strict=True)]

@@ -84,6 +84,7 @@ class Orchestrator:
     def disconnect(self) -> None:
         """Close all devices."""
         with self._exclusively("disconnecting"):
+            self._failures = {}
             self._close_all()
 
     def close(self) -> None:
@@ -144,10 +145,8 @@ class Orchestrator:
                     acquisition_s = (sequence.exposed_ns - begun) / 1e9
                     return CaptureOutcome(capture, sequence.timings_s, acquisition_s, attempt, tuple(refused))
                 refused += findings
-                if any(finding.fault in _SETTINGS_AT_FAULT for finding in findings):
+                if any(finding.fault in _SETTINGS_AT_FAULT for finding in findings) or not self._came_back():
                     break
-                if attempt <= self.acquisition.retakes:
-                    self._revive()
             raise SequenceRefusedError(refused, attempt)
 
     def _attempt(
@@ -217,10 +216,19 @@ class Orchestrator:
             camera.close()
 
     def _revive(self) -> None:
-        """Open again a device that was lost; one that somebody closed stays closed."""
-        if any(device.state in (CameraState.FAULT, ProjectorState.FAULT) for device in self._all()):
+        """Open again what was lost; a rig that somebody disconnected stays so."""
+        is_lost = any(device.state in (CameraState.FAULT, ProjectorState.FAULT) for device in self._all())
+        if is_lost or self._failures:
             self._open_all()
         self._require_connected()
+
+    def _came_back(self) -> bool:
+        """Whether every device answers again after a failed attempt."""
+        try:
+            self._revive()
+        except RigNotConnectedError:
+            return False
+        return True
 
     def _require_connected(self) -> None:
         if not self.connected:

@@ -23,6 +23,8 @@ from service.acquisition.plans import with_exposure
 _SLICE_S = 0.05
 """Longest wait before a collector looks at the cancellation."""
 _SETTLE_S = 0.002
+_HELD_UP_S = 0.5
+"""A frame may be held up by this and is then told as late, rather than as lost."""
 _START_S = 1.0
 """Time that a projector may take from the call to its first pulse."""
 
@@ -126,9 +128,9 @@ def record_sequence(
             time.sleep(_SETTLE_S)  # a pulse that comes now is not ours, and its frame shows it by its time
             started_ns = time.monotonic_ns()
             devices.projector.start()
-            deadlines = {side: _deadlines(loaded, a, started_ns) for side, a in applied.items()}
             collecting = {
-                side: pool.submit(_collect, camera, deadlines[side], cancellation) for side, camera in cameras.items()
+                side: pool.submit(_collect, camera, _Patience(loaded, applied[side], started_ns), cancellation)
+                for side, camera in cameras.items()
             }
             collected = {side: future.result() for side, future in collecting.items()}
             error = _wait_until_dark(devices.projector, started_ns, loaded, cancellation)
@@ -175,19 +177,34 @@ def _require_one_depth(cameras: Mapping[Side, Camera], applied: Mapping[Side, Ap
         raise DeviceConfigurationError(right, "bit_depth", depths["right"], f"the left camera has {depths['left']}")
 
 
-def _deadlines(loaded: LoadedSequence, applied: AppliedSettings, started_ns: int) -> list[int]:
-    """Until when each frame is waited for (monotonic ns), with room for a projector that is slow to start."""
-    period_us = max(applied.exposure_us, loaded.duration_us / max(1, len(loaded.pulses_us)))
-    room_us = 1e6 * _START_S + max(3 * period_us, applied.exposure_us + 100_000)
-    return [started_ns + round(1000 * (pulse + room_us)) for pulse in loaded.pulses_us]
+class _Patience:
+    """Until when each frame is waited for: long for the first, as a projector may be slow to start."""
+
+    def __init__(self, loaded: LoadedSequence, applied: AppliedSettings, started_ns: int) -> None:
+        period_us = loaded.duration_us / max(1, len(loaded.pulses_us))
+        self._pulses_us = loaded.pulses_us
+        self._room_us = max(3 * period_us, applied.exposure_us) + 1e6 * _HELD_UP_S
+        self._origin_ns = started_ns + round(1e9 * _START_S)
+
+    def __len__(self) -> int:
+        return len(self._pulses_us)
+
+    def first_came(self, host_ns: int) -> None:
+        """The first frame arrived then; the others follow it as their pulses do."""
+        self._origin_ns = host_ns
+
+    def remaining_s(self, position: int) -> float:
+        """Time left for the frame at this position in order of arrival."""
+        until_ns = self._origin_ns + 1000 * (self._pulses_us[position] + self._room_us)
+        return (until_ns - time.monotonic_ns()) / 1e9
 
 
-def _collect(camera: Camera, deadlines: list[int], cancellation: Cancellation) -> _Collected:
+def _collect(camera: Camera, patience: _Patience, cancellation: Cancellation) -> _Collected:
     """Take frames in order of arrival until all are there, one is overdue, or the camera fails."""
     got = _Collected()
-    while len(got.frames) + len(got.incomplete) < len(deadlines) and not cancellation.requested:
+    while len(got.frames) + len(got.incomplete) < len(patience) and not cancellation.requested:
         position = len(got.frames) + len(got.incomplete)
-        remaining_s = (deadlines[position] - time.monotonic_ns()) / 1e9
+        remaining_s = patience.remaining_s(position)
         if remaining_s <= 0:
             break
         try:
@@ -199,6 +216,8 @@ def _collect(camera: Camera, deadlines: list[int], cancellation: Cancellation) -
         except DriverError as error:
             got.error = error
             break
+        if position == 0:
+            patience.first_came(time.monotonic_ns())
     return got
 
 
