@@ -35,6 +35,7 @@ from service.routes import (
     rig,
 )
 from service.routes.documented import ANY_ERROR
+from service.routes.media_type import require_json
 from service.settings import ServiceSettings
 from service.warm_up import warm_up
 
@@ -75,12 +76,14 @@ def create_app(service: Service) -> FastAPI:
         max_body_size=settings.server.max_upload_bytes,
     )
     for module in _ROUTERS:
-        protected = [] if module is health else [Depends(authenticate)]
+        protected = [] if module is health else [Depends(authenticate), Depends(require_json)]
         app.include_router(module.router, dependencies=protected)
     app.include_router(problem_types.router)
     problems.install(app)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=_allowed_hosts(settings))
-    app.add_middleware(PlainErrorsAsProblems)
+    with_plain_errors = app.build_middleware_stack
+    # outside of the framework's own limit of bodies, which user middleware is not
+    app.build_middleware_stack = lambda: PlainErrorsAsProblems(with_plain_errors())  # type: ignore[method-assign]
     app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]  # FastAPI's documented way to extend the schema
     return app
 
@@ -151,9 +154,8 @@ class PlainErrorsAsProblems:
             elif held is None:
                 await send(message)
             elif not message.get("more_body"):
-                kind = problems.http_problem(held["status"])
-                detail = message.get("body", b"").decode(errors="replace") or kind.title
-                response = problems.problem_response(kind, detail, scope["path"])
+                detail = message.get("body", b"").decode(errors="replace")
+                response = problems.http_problem(held["status"], detail, scope["path"])
                 await response(scope, receive, send)
 
         await self.app(scope, receive, watched)

@@ -24,9 +24,12 @@ class ComputeBusyError(DuofringeError):
 
 
 class ComputeLane:
-    """Runs one computation at a time. longest_queue: how many may wait or run."""
+    """Runs one computation at a time.
 
-    def __init__(self, longest_queue: int = 64) -> None:
+    longest_queue: how many may wait or run. Whoever waits occupies a thread of the server's 40; the rest answer others.
+    """
+
+    def __init__(self, longest_queue: int = 16) -> None:
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="duofringe-compute")
         self._room = threading.BoundedSemaphore(longest_queue)
         self._longest_queue = longest_queue

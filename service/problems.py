@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import logging
+import uuid
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from http import HTTPStatus
 from typing import Any
+from urllib.parse import quote
 
 from fastapi import FastAPI, Request
 from fastapi.encoders import jsonable_encoder
@@ -14,6 +17,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.exceptions import HTTPException
+from starlette.routing import Match
 
 from drivers.errors import DeviceConfigurationError, DriverError, SequenceInvalidError
 from models.errors import CalibrationError, CaptureError, DuofringeError, ReconstructionError
@@ -38,7 +42,8 @@ from service.reconstructions import CaptureKeptError
 
 MEDIA_TYPE = "application/problem+json"
 logger = logging.getLogger("duofringe.service")
-_BUG = "the service met an error of its own; its log has the details under this request's id"
+_METHODS = ("GET", "POST", "PATCH", "DELETE")
+_PATH_CHARACTERS = "/:@!$&'()*+,;=~"
 
 
 class FieldError(BaseModel):
@@ -144,33 +149,60 @@ _BY_EXCEPTION: Mapping[type[DuofringeError], ProblemType] = {
     DuofringeError: ProblemType("request-failed", 422, "The request could not be fulfilled", "Do what 'detail' says."),
 }
 VALIDATION = ProblemType("validation", 422, "The request is not valid", "Mend the fields that 'errors' names.")
-INTERNAL = ProblemType("internal", 500, "An error of the service itself", "Report it with the request's id.")
-_OVERSIZE = ProblemType("too-large", 413, "Over a limit", "Send less; the limits are in the configuration.")
+INTERNAL = ProblemType(
+    "internal", 500, "An error of the service itself", "Report it with what the service's log says under 'reference'."
+)
+_BY_STATUS: Mapping[int, ProblemType] = {
+    kind.status: kind
+    for kind in (
+        ProblemType("bad-request", 400, "The request is malformed", "Address the service by a name that it serves."),
+        ProblemType("unauthorized", 401, "A key is needed", "Send 'Authorization: Bearer KEY'."),
+        ProblemType(
+            "cross-origin", 403, "The request comes from another site", "Use the page of this service, or a key."
+        ),
+        _BY_EXCEPTION[NotFoundError],
+        ProblemType("method-not-allowed", 405, "The method does not fit", "Use a method that 'Allow' names."),
+        _BY_EXCEPTION[LimitError],
+        ProblemType("media-type", 415, "The body has another type", "Send JSON as application/json, archives as zip."),
+    )
+}
 
 PROBLEM_TYPES: Mapping[str, ProblemType] = {
-    kind.slug: kind for kind in (*_BY_EXCEPTION.values(), VALIDATION, INTERNAL, _OVERSIZE)
+    kind.slug: kind for kind in (*_BY_EXCEPTION.values(), VALIDATION, INTERNAL, *_BY_STATUS.values())
 }
+
+
+class ProblemResponse(JSONResponse):
+    """What cannot be written in UTF-8, as half a surrogate pair of a request, becomes a question mark."""
+
+    media_type = MEDIA_TYPE
+
+    def render(self, content: Any) -> bytes:
+        return json.dumps(content, ensure_ascii=False, allow_nan=False).encode("utf-8", "replace")
 
 
 def problem_response(
     kind: ProblemType, detail: str, instance: str, *, headers: Mapping[str, str] | None = None, **members: Any
 ) -> JSONResponse:
-    """A problem as a response. members: extension members."""
+    """A problem as a response. instance: path of the request, not quoted. members: extension members."""
     body = {
         "type": kind.uri,
         "title": kind.title,
         "status": kind.status,
         "detail": detail,
-        "instance": instance,
+        "instance": quote(instance, _PATH_CHARACTERS, errors="replace"),
         "remedy": kind.remedy,
         **jsonable_encoder(members),
     }
-    return JSONResponse(body, kind.status, headers, media_type=MEDIA_TYPE)
+    return ProblemResponse(body, kind.status, headers)
 
 
 def problem_of(error: DuofringeError) -> ProblemType:
     """The kind of the nearest class that is listed."""
-    return next(_BY_EXCEPTION[cls] for cls in type(error).__mro__ if cls in _BY_EXCEPTION)
+    kind = next(_BY_EXCEPTION[cls] for cls in type(error).__mro__ if cls in _BY_EXCEPTION)
+    if isinstance(error, CaptureKeptError):
+        return replace(kind, status=problem_of(error.cause).status)
+    return kind
 
 
 def members_of(error: DuofringeError) -> dict[str, Any]:
@@ -194,7 +226,8 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(DuofringeError)
     async def expected(request: Request, error: DuofringeError) -> JSONResponse:
-        retry_after = getattr(error, "retry_after_s", None)
+        cause = error.cause if isinstance(error, CaptureKeptError) else error
+        retry_after = getattr(cause, "retry_after_s", None)
         headers = None if retry_after is None else {"Retry-After": str(retry_after)}
         kind = problem_of(error)
         if kind.status >= HTTPStatus.INTERNAL_SERVER_ERROR:
@@ -203,27 +236,52 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(RequestValidationError)
     async def invalid(request: Request, error: RequestValidationError) -> JSONResponse:
-        errors = [
-            {"field": ".".join(str(part) for part in e["loc"]), "message": e["msg"].removeprefix("Value error, ")}
-            for e in error.errors()
-        ]
-        detail = f"{errors[0]['field']}: {errors[0]['message']}" if errors else VALIDATION.title
-        return problem_response(VALIDATION, detail, request.url.path, errors=errors)
+        return _invalid(request, [_field_error(e) for e in error.errors()])
 
     @app.exception_handler(HTTPException)
     async def http(request: Request, error: HTTPException) -> JSONResponse:
-        kind = http_problem(error.status_code)
-        return problem_response(kind, str(error.detail), request.url.path, headers=error.headers)
+        if error.status_code == HTTPStatus.BAD_REQUEST and isinstance(error.__cause__, (ValueError, RecursionError)):
+            return _invalid(request, [{"field": "body", "message": "cannot be read as JSON"}])
+        headers = dict(error.headers or {})
+        if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+            headers["Allow"] = ", ".join(_methods(request))
+        return http_problem(error.status_code, str(error.detail), request.url.path, headers)
 
     @app.exception_handler(Exception)
     async def unexpected(request: Request, error: Exception) -> JSONResponse:
-        logger.error("%s %s failed", request.method, request.url.path, exc_info=error)
-        return problem_response(INTERNAL, _BUG, request.url.path)
+        reference = uuid.uuid4().hex[:12]
+        logger.error("%s %s failed, reference %s", request.method, request.url.path, reference, exc_info=error)
+        detail = f"the service met an error of its own; its log has the details under {reference}"
+        return problem_response(INTERNAL, detail, request.url.path, reference=reference)
 
 
-def http_problem(status: int) -> ProblemType:
-    """The kind of a plain HTTP error, such as 404 and 405 of paths that do not exist."""
-    if status == HTTPStatus.REQUEST_ENTITY_TOO_LARGE:
-        return _OVERSIZE
+def http_problem(status: int, detail: str, instance: str, headers: Mapping[str, str] | None = None) -> JSONResponse:
+    """A plain HTTP error, such as 404 of a path that does not exist, as a problem."""
+    kind = _BY_STATUS.get(status)
+    if kind is not None:
+        return problem_response(kind, detail or kind.title, instance, headers=headers)
     phrase = HTTPStatus(status).phrase
-    return ProblemType(phrase.lower().replace(" ", "-"), status, phrase, "See the API's description at /docs.")
+    body = {"type": "about:blank", "title": phrase, "status": status, "detail": detail, "instance": quote(instance)}
+    return ProblemResponse(body, status, headers)
+
+
+def _invalid(request: Request, errors: list[dict[str, str]]) -> JSONResponse:
+    detail = f"{errors[0]['field']}: {errors[0]['message']}" if errors else VALIDATION.title
+    return problem_response(VALIDATION, detail, request.url.path, errors=errors)
+
+
+def _field_error(error: Mapping[str, Any]) -> dict[str, str]:
+    if error["type"] == "json_invalid":
+        reason = error.get("ctx", {}).get("error", "is malformed")
+        return {"field": "body", "message": f"is not JSON: {reason} (character {error['loc'][-1]})"}
+    field = ".".join(str(part) for part in error["loc"])
+    return {"field": field, "message": error["msg"].removeprefix("Value error, ")}
+
+
+def _methods(request: Request) -> list[str]:
+    """Methods that the path of a request takes, whichever of several routes takes them."""
+    return [
+        method
+        for method in _METHODS
+        if any(r.matches({**request.scope, "method": method})[0] is Match.FULL for r in request.app.router.routes)
+    ]

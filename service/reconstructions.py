@@ -15,6 +15,7 @@ from models.stereo.matcher import Matching
 from service.acquisition.plans import PlanError, resolve_plan
 from service.acquisition.request import LONGEST_PLAN, PLAN_HELP, CaptureOptions, CaptureRequest, PlanField
 from service.captures import already_stored, take
+from service.compute import ComputeBusyError
 from service.context import Service
 from service.library import StoredCapture, StoredReconstruction
 from service.views import CaptureAndReconstructionAnswer, CaptureView, Clocks, ReconstructionView
@@ -24,10 +25,11 @@ _DEFAULT_PLAN: dict[Method, str] = {"nstep": "reference", "wft": "composite"}
 
 
 class CaptureKeptError(DuofringeError):
-    """The capture was taken and stored, but not reconstructed. capture: its id."""
+    """The capture was taken and stored, but not reconstructed. cause: why not. capture: its id."""
 
     def __init__(self, cause: DuofringeError, capture: str) -> None:
         super().__init__(f"{cause}; the capture was kept as {capture}")
+        self.cause = cause
         self.capture = capture
 
 
@@ -108,15 +110,19 @@ def capture_and_reconstruct(
         return _resume(service, request, finished_before, started)
     outcome = take(service, wanted, capture_id)
     captured = time.perf_counter()
-    computing = service.compute.submit(lambda: reconstruct(outcome.capture, options))
+    try:
+        computing = service.compute.submit(lambda: reconstruct(outcome.capture, options))
+    except ComputeBusyError as error:
+        service.library.captures.add(outcome.capture, capture_id)
+        raise CaptureKeptError(error, capture_id) from error
     stored = service.library.captures.add(outcome.capture, capture_id)
     stored_after = time.perf_counter() - captured
     try:
         result = computing.result()
+        computed = time.perf_counter()
+        saved = service.library.reconstructions.add(result, capture_id, _extra(outcome.capture))
     except DuofringeError as error:
         raise CaptureKeptError(error, capture_id) from error
-    computed = time.perf_counter()
-    saved = service.library.reconstructions.add(result, capture_id, _extra(outcome.capture))
     done = time.perf_counter()
     timings = {
         **{f"capture.{step}": seconds for step, seconds in outcome.timings_s.items()},

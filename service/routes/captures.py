@@ -14,6 +14,7 @@ from service.captures import already_stored, take
 from service.context import Service, ServiceDep
 from service.idempotency import IdempotencyKey, answer_once
 from service.routes.documented import problems
+from service.routes.links import next_link
 from service.views import CaptureAnswer, CapturePage, CaptureView, Clocks
 
 router = APIRouter(prefix="/v1/captures", tags=["captures"])
@@ -71,7 +72,9 @@ def list_captures(
 ) -> CapturePage:
     page = service.library.captures.page(limit, cursor, plan=plan, object_id=object_id)
     if page.next_cursor is not None:
-        response.headers["Link"] = f'</v1/captures?limit={limit}&cursor={page.next_cursor}>; rel="next"'
+        response.headers["Link"] = next_link(
+            "/v1/captures", limit=limit, cursor=page.next_cursor, plan=plan, object_id=object_id
+        )
     return CapturePage(items=[CaptureView.of(stored) for stored in page.items], next=page.next_cursor)
 
 

@@ -13,6 +13,7 @@ from service.idempotency import IdempotencyKey, answer_once
 from service.reconstructions import ReconstructionRequest, reconstruct_stored
 from service.routes.captures import Cursor, PageSize
 from service.routes.documented import problems
+from service.routes.links import next_link
 from service.views import ReconstructionPage, ReconstructionView
 
 router = APIRouter(prefix="/v1/reconstructions", tags=["reconstructions"])
@@ -62,7 +63,9 @@ def list_reconstructions(
 ) -> ReconstructionPage:
     page = service.library.reconstructions.page(limit, cursor, capture=capture)
     if page.next_cursor is not None:
-        response.headers["Link"] = f'</v1/reconstructions?limit={limit}&cursor={page.next_cursor}>; rel="next"'
+        response.headers["Link"] = next_link(
+            "/v1/reconstructions", limit=limit, cursor=page.next_cursor, capture=capture
+        )
     return ReconstructionPage(items=[ReconstructionView.of(stored) for stored in page.items], next=page.next_cursor)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from typing import Any, Literal
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.camera import Camera, CameraSettings, CameraState, supported_triggers
@@ -16,6 +16,7 @@ from service.acquisition.assist import Assistance
 from service.acquisition.orchestrator import Orchestrator
 from service.acquisition.request import AssistRequest
 from service.context import ServiceDep
+from service.idempotency import IdempotencyKey, answer_once
 from service.routes.documented import problems
 
 router = APIRouter(prefix="/v1/rig", tags=["rig"])
@@ -70,8 +71,8 @@ class CameraPatch(BaseModel):
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"exposure_us": 16667, "gain_db": 3}]})
 
-    exposure_us: float | None = Field(None, gt=0, allow_inf_nan=False)
-    gain_db: float | None = Field(None, allow_inf_nan=False)
+    exposure_us: float | None = Field(None, gt=0, allow_inf_nan=False, strict=True)
+    gain_db: float | None = Field(None, allow_inf_nan=False, strict=True)
     bit_depth: Literal[8, 12] | None = None
 
 
@@ -80,7 +81,7 @@ class ProjectorPatch(BaseModel):
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"brightness": 0.8}]})
 
-    brightness: float = Field(ge=0, le=1, allow_inf_nan=False)
+    brightness: float = Field(ge=0, le=1, allow_inf_nan=False, strict=True)
 
 
 class ReadingView(BaseModel):
@@ -160,9 +161,23 @@ def change_projector(patch: ProjectorPatch, service: ServiceDep) -> DeviceView:
     summary="Find the exposure that fills the range without saturating",
     responses=problems(409, 422, 503),
 )
-def assist(service: ServiceDep, request: AssistRequest | None = None) -> AssistView:
+def assist(
+    service: ServiceDep,
+    response: Response,
+    request: AssistRequest | None = None,
+    idempotency_key: IdempotencyKey = None,
+) -> AssistView:
     request = request or AssistRequest.model_validate({})
-    return _assist_view(service.orchestrator.assist(request), request)
+    body, repeated = answer_once(
+        service.library,
+        idempotency_key,
+        "assist",
+        request,
+        lambda _: _assist_view(service.orchestrator.assist(request), request),
+    )
+    if repeated:
+        response.headers["Idempotency-Replayed"] = "true"
+    return AssistView.model_validate(body)
 
 
 def _assist_view(found: Assistance, request: AssistRequest) -> AssistView:
