@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import settings
+from simulated_captures import plate_before_wall
 
+from models.capture import write_capture
 from models.geometry.device import Device
 from models.geometry.rig import Rig
 from models.patterns import LIGHTCRAFTER_4500
@@ -27,6 +29,14 @@ def real_data() -> Path:
         if os.environ.get("CI") == "true":
             pytest.fail(reason)
         pytest.skip(reason)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def full_capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with one recorded capture of the plan full, named "plate"."""
+    folder = tmp_path_factory.mktemp("recorded")
+    write_capture(plate_before_wall(), folder / "plate")
     return folder
 
 
