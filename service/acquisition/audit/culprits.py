@@ -47,28 +47,20 @@ def diagnose(
     for reading in _candidates(pixels, plan, axes, limits):
         if reading.problems:
             continue
-        misplaced = _misplaced(reading)
-        left_out = {k for k in range(len(plan)) if reading.shown[k] < 0}
-        if not misplaced:
-            continue
-        if left_out <= {m.place for m in misplaced if m.shown is not None}:
-            return Diagnosis(tuple(misplaced))
-        fallback = fallback or Diagnosis(tuple(misplaced))
+        misplaced = tuple(m for k, name in enumerate(plan.names) if (m := _named(reading, k)).shown != name)
+        if misplaced and all(m.shown is not None for m in misplaced):
+            return Diagnosis(misplaced)
+        if misplaced and fallback is None:
+            fallback = Diagnosis(misplaced)
     return fallback or _undecided(first.problems)
 
 
-def _misplaced(reading: Explanation) -> list[Misplaced]:
-    found = []
-    for k, name in enumerate(reading.plan.names):
-        shown: str | None
-        if reading.shown[k] >= 0:
-            shown = reading.name_of(int(reading.shown[k]))
-        else:
-            nearest, rest = reading.nearest(k)
-            shown = reading.name_of(nearest) if rest < RECOGNISED else None
-        if shown != name:
-            found.append(Misplaced(k, shown))
-    return found
+def _named(reading: Explanation, k: int) -> Misplaced:
+    """What exposure k shows under a reading; a frame left out is named by what it resembles."""
+    if reading.shown[k] >= 0:
+        return Misplaced(k, reading.name_of(int(reading.shown[k])))
+    nearest, rest = reading.nearest(k)
+    return Misplaced(k, reading.name_of(nearest) if rest < RECOGNISED else None)
 
 
 def _undecided(problems: tuple[Problem, ...]) -> Diagnosis:
@@ -92,21 +84,29 @@ def _candidates(
             yield explanation
 
     places = np.arange(len(plan))
-    small = [c.members for axis in axes for c in axis.carriers if c.steps <= FEW_STEPS]
-    for members in small:
-        found = [e for a, b in combinations(members, 2) for e in read(_exchanged(places, a, b))]
-        yield from sorted((e for e in found if not e.problems), key=lambda e: e.misfit.max())
+    if pixels.rows is not None:
+        groups = [places]
+    else:
+        groups = [c.members for axis in axes for c in axis.carriers if c.steps <= FEW_STEPS]
+    for members in groups:
+        found = [e for a, b in combinations(members.tolist(), 2) for e in read(_exchanged(places, a, b))]
+        yield from sorted((e for e in found if not e.problems), key=_doubt)
     start = places.copy()
     for carrier in (c for axis in axes for c in axis.carriers):
         start[odd_frames(pixels.levels, carrier)] = -1
     yield from _trimmed(pixels, plan, axes, limits, start, most=3)
-    for shift in SHIFTS:
-        yield from read(_shifted(places, shift, 0))
-    for begin in range(1, len(plan)):
-        for shift in SHIFTS[:2]:
-            yield from read(_shifted(places, shift, begin))
+    shifts = [_shifted(places, shift, 0) for shift in SHIFTS]
+    shifts += [_shifted(places, shift, begin) for begin in range(1, len(plan)) for shift in SHIFTS[:2]]
+    found = [e for shown in shifts for e in read(shown)]
+    yield from sorted((e for e in found if not e.problems), key=lambda e: float(np.nanmax(e.towards)))
     yield from _rotated(pixels, plan, axes, limits)
     yield from _trimmed(pixels, plan, axes, limits, start, most=max(4, len(plan) // 3))
+
+
+def _doubt(reading: Explanation) -> float:
+    """Less is better, among readings that nothing contradicts."""
+    faltering = [float((1 - s.share[s.count > 0]).mean()) for s in reading.steps.values() if (s.count > 0).any()]
+    return float(reading.misfit.max()) + sum(faltering)
 
 
 def odd_frames(levels: FloatArray, carrier: Carrier) -> list[int]:

@@ -16,6 +16,7 @@ from models.patterns import PatternPlan
 from service.acquisition.audit.axes import Axis, ComplexArray, FloatArray, IntArray, composite_angles
 from service.acquisition.audit.limits import AuditLimits
 from service.acquisition.audit.order import Orders, best_rotation, decode_orders, pair_consistency
+from service.acquisition.audit.pieces import sum_pixels
 from service.acquisition.audit.rows import RowSample, fit_carrier, predict
 from service.acquisition.audit.steps import FringeSteps, fringe_steps
 
@@ -109,8 +110,8 @@ class Explanation:
         if (steps := self.steps.get(axis.name)) is not None:
             wrong = (steps.share < self.limits.consistent) & (steps.count >= LEAST_STEPS)
             if wrong.any():
-                share = float(1 - steps.share[wrong].min())
-                found.append(Problem(None, f"Gray planes along {axis.name} do not step with the phase", share))
+                text = f"Gray planes along {axis.name} do not step with the phase"
+                found.append(Problem(None, text, float(1 - steps.share[wrong].min())))
         if len(axis.carriers) < 2:
             return found
         count, share = pair_consistency(orders)
@@ -125,7 +126,7 @@ class Explanation:
         return found
 
     def _enough(self, share: float) -> float:
-        return max(25.0, share * self.readings.shape[1])
+        return float(max(25.0, share * self.readings.shape[1]))
 
     @cached_property
     def ambient_black(self) -> bool:
@@ -140,7 +141,7 @@ class Explanation:
         # Noise averages out over neighbours; another light does not.
         if white and np.median(np.abs(_by_neighbours(reading - self.readings[white[0]]).mean(axis=1))) < 0.1:
             return False
-        return not any(self._shows(reading, p) for p in np.flatnonzero(self.known[:-2]))
+        return not any(self._shows(reading, p) for p in range(len(self.plan)) if self.known[p])
 
     def _shows(self, reading: FloatArray, pattern: int) -> bool:
         """Whether a frame has the stripes of a pattern, under whatever other light."""
@@ -159,8 +160,12 @@ class Explanation:
     def proven(self) -> list[int]:
         """Places whose frame is clearly its own pattern and no other of the plan."""
         own = self.shown == np.arange(len(self.plan))
-        rivals = np.where(np.isnan(self.towards), -1.0, self.towards).max(axis=1)
-        return [int(k) for k in np.flatnonzero(own & self.known[:-2] & (rivals < self.limits.proof))]
+        rivals = np.nan_to_num(self.towards, nan=-1.0).max(axis=1)
+        told_apart = ~np.isnan(self.towards[:, :-2]) | ~self.known[:-2] | np.eye(len(self.plan), dtype=bool)
+        return [
+            int(k)
+            for k in np.flatnonzero(own & self.known[:-2] & told_apart.all(axis=1) & (rivals < self.limits.proof))
+        ]
 
     def nearest(self, k: int) -> tuple[int, float]:
         """The pattern that frame k resembles most, and the unexplained share of the frame's energy."""
@@ -172,7 +177,10 @@ class Explanation:
 
     def name_of(self, pattern: int) -> str:
         count = len(self.plan)
-        return self.plan.names[pattern] if pattern < count else PLAIN[pattern - count]
+        if pattern < count:
+            return self.plan.names[pattern]
+        kind = ("black", "white")[pattern - count]
+        return next((p.name for p in self.plan.patterns if p.kind == kind), PLAIN[pattern - count])
 
 
 def _by_neighbours(values: FloatArray, group: int = 25) -> FloatArray:
@@ -267,14 +275,12 @@ def _towards(
     """Where each frame lies between its own template and each other: whole view (N, M), and by band (BANDS, N, M)."""
     weighted = templates * weight
     own = np.maximum(shown, 0)
-    crosses, products, totals, counts = [], [], [], []
-    for b in range(BANDS):
-        inside = np.flatnonzero(band == b)
-        part = slice(int(inside[0]), int(inside[-1]) + 1) if len(inside) else slice(0, 0)
-        crosses.append(readings[:, part] @ weighted[:, part].T)
-        products.append(templates[:, part] @ weighted[:, part].T)
-        totals.append(float(weight[part].sum()))
-        counts.append(len(inside))
+    sums, starts = sum_pixels(np.concatenate([readings, templates]), weighted)
+    of_band = [sums[band[starts] == b].sum(axis=0) for b in range(BANDS)]
+    crosses = [total[: len(readings)] for total in of_band]
+    products = [total[len(readings) :] for total in of_band]
+    totals = [float(weight[band == b].sum()) for b in range(BANDS)]
+    counts = [int(np.count_nonzero(band == b)) for b in range(BANDS)]
     usable = known[None, :] & known[own][:, None] & (shown >= 0)[:, None]
 
     def position(cross: FloatArray, product: FloatArray, least: float) -> FloatArray:

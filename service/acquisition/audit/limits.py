@@ -11,7 +11,7 @@ class AuditLimits(BaseModel):
     Levels are shares of the white level, angles radians.
     """
 
-    model_config = ConfigDict(frozen=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     lit_modulation: float = Field(3 / 255, gt=0)
     """Fringe amplitude from which a pixel counts as lit; up to ``sure_modulation`` where the images are noisy."""
@@ -23,9 +23,9 @@ class AuditLimits(BaseModel):
     """Share of the view that must be lit."""
     sampled_pixels: int = Field(6000, ge=500)
     """Lit pixels a view on which the order is proven."""
-    contradiction: float = Field(0.5, gt=0, lt=1)
+    contradiction: float = Field(0.35, gt=0, lt=1)
     """How far a frame may lie on the way from its own pattern (0) to another of the plan (1)."""
-    proof: float = Field(0.35, gt=0, lt=1)
+    proof: float = Field(0.25, gt=0, lt=1)
     """A frame that is nearer to its own pattern than this is proven."""
     misfit: float = Field(0.6, gt=0)
     """Share of a fringe's energy that the fit may leave unexplained."""

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from service.acquisition.audit.axes import Axis, ComplexArray, FloatArray, IntArray
+from service.acquisition.audit.pieces import map_pixels_transposed
 
 LOW_PHASE_WEIGHT = 30.0
 """Weight of 1 - cos(low phase error) against one plane read wrongly, which counts 2."""
@@ -43,18 +44,19 @@ def decode_orders(
     assert code is not None
     signs = code.signs[used]
     in_fringe = (np.mod(np.angle(fields[0]), 2 * np.pi) * (high.period / (2 * np.pi))).astype(np.float32)
-    of_words = readings.T @ signs
-    orders = np.arange(max(1, int(np.ceil(signs.shape[1] * code.period / high.period))))
+    of_words = map_pixels_transposed(readings, signs)
     if np.isclose(code.period, high.period):
-        score = of_words
+        orders, score = np.arange(signs.shape[1]), of_words
     else:
+        orders = np.arange(max(1, int(np.ceil(signs.shape[1] * code.period / high.period))))
         score = np.take_along_axis(of_words, _words(in_fringe[:, None] + orders * high.period, code.period, signs), 1)
     has_low = len(fields) > 1
     if has_low:
         base = np.exp(1j * (2 * np.pi / axis.carriers[1].period) * in_fringe) * _unit(fields[1]).conj()
         turns = orders * (2 * np.pi * high.period / axis.carriers[1].period)
-        pair = np.stack([base.real, base.imag], 1).astype(np.float32)
-        score = score + (LOW_PHASE_WEIGHT * pair) @ np.stack([np.cos(turns), -np.sin(turns)]).astype(np.float32)
+        pair = LOW_PHASE_WEIGHT * np.stack([base.real, base.imag]).astype(np.float32)
+        turned = np.stack([np.cos(turns), -np.sin(turns)]).astype(np.float32)
+        score = score + map_pixels_transposed(pair, turned)
     best = score.argmax(axis=1)
     column = in_fringe + (best * high.period).astype(np.float32)
     words = _words(column, code.period, signs)

@@ -13,6 +13,7 @@ from models.errors import CaptureError
 from models.patterns import PatternPlan
 from service.acquisition.audit.axes import Axis, Carrier, ComplexArray, FloatArray
 from service.acquisition.audit.limits import AuditLimits
+from service.acquisition.audit.pieces import map_pixels
 
 ROW_COUNTS = (48, 160)
 """Rows looked at first, and again where few of their pixels are lit; after that the whole image."""
@@ -45,7 +46,8 @@ class RowSample:
 def fit_carrier(levels: FloatArray, angles: FloatArray) -> tuple[FloatArray, ComplexArray]:
     """Least-squares mean and complex field z of I_k = mean + Re(z exp(-i angle_k)); levels (n, ...)."""
     design = np.stack([np.ones_like(angles), np.cos(angles), np.sin(angles)], axis=1)
-    mean, real, imaginary = np.tensordot(np.linalg.pinv(design).astype(np.float32), levels, axes=1)
+    found = map_pixels(np.linalg.pinv(design).astype(np.float32), levels.reshape(len(levels), -1))
+    mean, real, imaginary = found.reshape(3, *levels.shape[1:])
     return mean, real + 1j * imaginary
 
 

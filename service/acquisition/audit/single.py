@@ -12,8 +12,9 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from service.acquisition.audit.axes import ComplexArray, FloatArray
+from service.acquisition.audit.axes import FloatArray
 from service.acquisition.audit.limits import AuditLimits
+from service.acquisition.audit.pieces import map_pixels_transposed
 
 STRETCHES = ((96, 4.0, 26.0), (256, 2.5, 11.0), (768, 2.5, 7.5))
 """Lengths tried, px, and how few and many cycles of the low carrier each may hold: fringes of 4 to 300 px."""
@@ -57,7 +58,7 @@ def find_two_carriers(
 def _stretch_test(
     image: FloatArray,
     saturated: npt.NDArray[np.bool_],
-    probes: tuple[FloatArray, FloatArray, ComplexArray],
+    probes: tuple[FloatArray, FloatArray, FloatArray],
     limits: AuditLimits,
 ) -> TwoCarriers:
     trend, window, pairs = probes
@@ -68,7 +69,8 @@ def _stretch_test(
     # Third differences pass noise and hold back fringes; the quietest quarter of the view is dark or plain.
     noise = float(np.percentile(np.diff(cut[::4], n=3).std(axis=1), 25) / np.sqrt(20))
     threshold = float(np.clip(NOISE_MULTIPLE * noise, LEAST_CONTRAST, limits.composite_contrast))
-    cut = (cut - (cut @ trend.T) @ trend) * window
+    trends = map_pixels_transposed(cut.T, trend.T)
+    cut = (cut - map_pixels_transposed(trends.T, trend)) * window
     energy = (cut**2).sum(axis=1)
     contrast = np.sqrt(energy / (window**2).sum())
     keep = np.flatnonzero((contrast > threshold) & (clipped < 0.1))
@@ -76,16 +78,15 @@ def _stretch_test(
     if not len(keep):
         return TwoCarriers(0, 0.0, level, float(np.percentile(contrast, 99)))
     keep = keep[:: max(1, len(keep) // MOST_STRETCHES)]
-    spectrum = np.abs(cut[keep] @ pairs) ** 2 / energy[keep, None]
-    count = pairs.shape[1] // 3
-    low, high, between = spectrum[:, :count], spectrum[:, count : 2 * count], spectrum[:, 2 * count :]
+    response = map_pixels_transposed(cut[keep].T, pairs).reshape(len(keep), 2, 3, -1) ** 2
+    low, high, between = response.sum(axis=1).transpose(1, 0, 2) / energy[keep, None]
     ridge = np.minimum(low, high) - between
     return TwoCarriers(len(keep), float((ridge.max(axis=1) > BOTH).mean()), level, float(np.median(contrast[keep])))
 
 
 @lru_cache(maxsize=8)
-def _probes(length: int, ratio: float, fewest: float, most: float) -> tuple[FloatArray, FloatArray, ComplexArray]:
-    """Trend basis (3, length), window (length,), and complex probes (length, 3 n): low, high and the middle between.
+def _probes(length: int, ratio: float, fewest: float, most: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Trend basis (3, length), window (length,), and probes (length, 6 n): cosines, then sines, of low, high, between.
 
     The squared response of a probe to a cosine of its frequency is that cosine's share of the energy.
     """
@@ -94,6 +95,7 @@ def _probes(length: int, ratio: float, fewest: float, most: float) -> tuple[Floa
     window = np.hanning(length + 2)[1:-1]
     low = np.geomspace(fewest, min(most, 0.45 * length / ratio), 72) / length
     frequencies = np.concatenate([low, low * ratio, low * np.sqrt(ratio)])
-    probes = np.exp(2j * np.pi * np.outer(np.arange(length), frequencies)) * window[:, None]
+    angles = 2 * np.pi * np.outer(np.arange(length), frequencies)
+    probes = np.concatenate([np.cos(angles), np.sin(angles)], axis=1) * window[:, None]
     probes *= np.sqrt(2.0 / (window**2).sum())
-    return trend.astype(np.float32), window.astype(np.float32), probes.astype(np.complex64)
+    return trend.astype(np.float32), window.astype(np.float32), probes.astype(np.float32)

@@ -90,8 +90,12 @@ def _audit_fringes(
 
 
 def _may_be_motion(view: ViewAudit, plan: PatternPlan, problems: list[Any]) -> bool:
-    """No frame was recognised as another: what does not fit has merely moved."""
+    """Only fringes do not fit and none was recognised as another: they have merely moved."""
     assert view.diagnosis is not None
+    if any(
+        p.place is not None and (plan.patterns[p.place].is_gray or plan.patterns[p.place].is_uniform) for p in problems
+    ):
+        return False
     named = [m for m in view.diagnosis.misplaced if m.shown is not None]
     only_composite = all(p.place is not None and plan.patterns[p.place].kind == "composite" for p in problems)
     return not named or (only_composite and not any(plan.patterns[m.place].kind == "composite" for m in named))
@@ -176,6 +180,8 @@ def _proof(view: ViewAudit, explanation: Explanation, axes: tuple[Axis, ...]) ->
             weak = set(axis.code.members.tolist()) - _proven_planes(explanation, axis)
             unproven |= {plan.names[k]: "the code has no second witness here" for k in sorted(weak)}
             proven -= weak
+    if explanation.ambient_black:
+        unproven |= {p.name: "was taken with other light than the rest" for p in plan.of_kind("black")}
     unproven |= {
         plan.names[k]: "looks like another pattern of the plan on this scene, or could not be predicted"
         for k in range(len(plan))
