@@ -51,8 +51,12 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def atomic_folder(path: Path) -> Iterator[Path]:
-    """Yield a new folder beside ``path``; on success it is renamed to ``path``, which must not exist yet."""
+def atomic_folder(path: Path, *, durable: bool = True) -> Iterator[Path]:
+    """Yield a new folder beside ``path``; on success it is renamed to ``path``, which must not exist yet.
+
+    durable: survive a power failure from then on. Without it a folder is whole for whatever a process meets, its own
+    death included, but the disk may still be behind.
+    """
     require_parent(path)
     if path.exists():
         raise DuofringeError(f"output '{path}' exists already; name a new folder or remove it")
@@ -60,12 +64,14 @@ def atomic_folder(path: Path) -> Iterator[Path]:
     partial.mkdir()
     try:
         yield partial
-        with ThreadPoolExecutor(_SYNC_THREADS) as pool:  # the disk takes them together for little more than one
-            for _ in pool.map(sync, list(partial.rglob("*"))):
-                pass
-        sync(partial)
+        if durable:
+            with ThreadPoolExecutor(_SYNC_THREADS) as pool:  # the disk takes them together for little more than one
+                for _ in pool.map(sync, list(partial.rglob("*"))):
+                    pass
+            sync(partial)
         partial.rename(path)
-        sync(path.parent)
+        if durable:
+            sync(path.parent)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 

@@ -43,8 +43,9 @@ def summarise(reconstruction: Reconstruction) -> ReconstructionSummary:
     """Figures of a reconstruction, which holds at least one point."""
     points = reconstruction.points
     near, middle, far = (float(z) for z in np.percentile(points.depth[points.valid], [1, 50, 99]))
+    counts = np.bincount(points.mask.ravel(), minlength=len(Reason))
     reasons = {
-        reason.name.lower(): round(100 * float(np.mean(points.mask == reason)), 2)
+        reason.name.lower(): round(100 * float(counts[reason]) / points.mask.size, 2)
         for reason in Reason
         if reason is not Reason.VALID
     }

@@ -83,7 +83,10 @@ class ReconstructionStore:
         *,
         id: str | None = None,
     ) -> StoredReconstruction:
-        """Keep a reconstruction; when this returns it would survive a power failure.
+        """Keep a reconstruction; from then on it survives the death of the process.
+
+        A power failure in the next seconds may damage it, which is noticed: it can be made again from its capture, and
+        waiting for the disk would hold up every answer.
 
         extra: what JSON holds; "warnings", a list of texts, is shown in the report. id: a new id; None makes one.
         Raises InvalidIdError, LibraryError when the id exists, DiskFullError; then nothing is left of it.
@@ -96,7 +99,7 @@ class ReconstructionStore:
             raise ReconstructionError(f"{KIND} '{new}' was not kept: no pixel has a point")
         with (
             self._space.writing(f"{KIND} '{new}'", 64 * points.mask.size),
-            atomic_folder(path) as partial,
+            atomic_folder(path, durable=False) as partial,
             ThreadPoolExecutor(2) as pool,
         ):
             written = [
