@@ -18,23 +18,21 @@ import pytest
 from models.patterns import LIGHTCRAFTER_4500, PLAN_NAMES, RasterKind, make_pattern
 from models.reconstruct import METHODS
 from models.stereo.matcher import MATCHINGS
-from service.cli import main, options
+from service.cli import options
 
-COMMANDS = ("demo", "reconstruct", "evaluate", "simulate", "import", "patterns list", "patterns export")
+COMMANDS = (
+    "demo",
+    "serve",
+    "capture",
+    "reconstruct",
+    "evaluate",
+    "simulate",
+    "import",
+    "patterns list",
+    "patterns export",
+    "doctor",
+)
 Run = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    """Runs the program in this process; returns exit status, stdout, stderr."""
-
-    def run(*arguments: str | Path) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as ended:
-            main([str(a) for a in arguments])
-        out, err = capsys.readouterr()
-        return int(ended.value.code or 0), out, err
-
-    return run
 
 
 class TestHelp:

@@ -21,7 +21,6 @@ from models.geometry.device import Device
 from models.geometry.rig import Rig
 from models.patterns import make_plan
 from service import process_pool
-from service.cli import main
 
 Run = Callable[..., tuple[int, str, str]]
 EXAMPLES = Path(__file__).parent.parent / "examples" / "manifests"
@@ -53,17 +52,6 @@ def dataset(tmp_path_factory: pytest.TempPathFactory, small_rig: Rig) -> Path:
 @pytest.fixture
 def capture(dataset: Path) -> Path:
     return dataset / "samples" / "sample-00000"
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    def run(*arguments: str | Path) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as ended:
-            main([str(a) for a in arguments])
-        out, err = capsys.readouterr()
-        return int(ended.value.code or 0), out, err
-
-    return run
 
 
 class TestReconstruct:

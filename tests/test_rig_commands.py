@@ -10,26 +10,13 @@ import numpy as np
 import pytest
 
 from models.capture import read_capture, write_capture
-from service.cli import main
 
 Run = Callable[..., tuple[int, str, str]]
 
 
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+@pytest.fixture(autouse=True)
+def in_its_own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: str | Path) -> tuple[int, str, str]:
-        try:
-            main([str(a) for a in arguments])
-        except SystemExit as stop:
-            status = int(stop.code or 0)
-        else:
-            status = 0
-        out, err = capsys.readouterr()
-        return status, out, err
-
-    return run
 
 
 class TestCapture:

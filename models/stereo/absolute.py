@@ -6,13 +6,12 @@ projector. Only one of the two points projects back to that column.
 
 from __future__ import annotations
 
-import math
-
 import numba
 import numpy as np
 
 from models.geometry.projection import project_point
 from models.points import Reason
+from models.stereo.search import search_interval
 
 _VALID, _NO_MATCH, _AMBIGUOUS = int(Reason.VALID), int(Reason.NO_MATCH), int(Reason.AMBIGUOUS)
 _STEEPEST = 4.2
@@ -37,12 +36,7 @@ def match_columns(column_l, column_r, usable_l, usable_r, frame, turn, depth_ran
         for x in range(width):
             if not usable_l[y, x]:
                 continue
-            across = (x - cx_l) / focal
-            per_z = turn[2, 0] * across + turn[2, 1] * down + turn[2, 2]
-            first = x - cx_l - focal * baseline * per_z / depth_range[0] + cx_r
-            last = x - cx_l - focal * baseline * per_z / depth_range[1] + cx_r
-            start = max(0, math.floor(first))
-            stop = min(right_width - 2, math.ceil(last))
+            across, _, _, start, stop = search_interval(x, down, frame, turn, depth_range, right_width)
             u = column_l[y, x]
             found = -1.0
             closest = np.inf

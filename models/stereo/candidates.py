@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from models.geometry.projection import project_point
+from models.stereo.search import search_interval
 
 Float32Array = npt.NDArray[np.float32]
 Float64Array = npt.NDArray[np.float64]
@@ -163,12 +164,7 @@ def find_candidates(  # type: ignore[no-untyped-def]
         for x in range(width):
             if not usable_l[y, x]:
                 continue
-            across = (x - cx_l) / focal
-            per_z = turn[2, 0] * across + turn[2, 1] * down + turn[2, 2]
-            first = x - cx_l - focal * baseline * per_z / depth_range[0] + cx_r
-            last = x - cx_l - focal * baseline * per_z / depth_range[1] + cx_r
-            start = max(0, math.floor(first))
-            stop = min(right_width - 2, math.ceil(last))
+            across, first, last, start, stop = search_interval(x, down, frame, turn, depth_range, right_width)
             phase = phase_l[0, y, x]
             if use_projector:
                 _column_along_ray(projector, turn, focal, baseline, across, down, x - cx_l + cx_r, first, last, ray)
