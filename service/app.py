@@ -123,6 +123,10 @@ def _openapi(app: FastAPI) -> dict[str, Any]:
     for operations in schema["paths"].values():
         for operation in operations.values():
             _only_problems(operation["responses"])
+            if not app.state.settings.api_keys:
+                operation.pop("security", None)
+    if not app.state.settings.api_keys:
+        schema["components"].pop("securitySchemes", None)
     app.openapi_schema = schema
     return schema
 

@@ -13,7 +13,7 @@ from service.acquisition.request import CaptureRequest
 from service.captures import already_stored, take
 from service.context import Service, ServiceDep
 from service.idempotency import IdempotencyKey, answer_once
-from service.routes.documented import problems
+from service.routes.documented import files, problems
 from service.routes.links import next_link
 from service.views import CaptureAnswer, CapturePage, CaptureView, Clocks
 
@@ -88,7 +88,7 @@ def get(capture_id: str, service: ServiceDep) -> CaptureView:
     operation_id="getCaptureImage",
     summary="One recorded image",
     response_class=FileResponse,
-    responses={200: {"content": {"image/png": {}}}, **problems(404)},
+    responses={**files("image/png"), **problems(404)},
 )
 def image(capture_id: str, side: Side, pattern: str, service: ServiceDep) -> FileResponse:
     return FileResponse(service.library.captures.image_path(capture_id, side, pattern), media_type="image/png")
@@ -99,7 +99,7 @@ def image(capture_id: str, side: Side, pattern: str, service: ServiceDep) -> Fil
     operation_id="getCaptureArchive",
     summary="The capture's folder as a zip",
     response_class=StreamingResponse,
-    responses={200: {"content": {"application/zip": {}}}, **problems(404)},
+    responses={**files("application/zip"), **problems(404)},
 )
 def archive(capture_id: str, service: ServiceDep) -> StreamingResponse:
     stream = service.library.captures.archive(capture_id)

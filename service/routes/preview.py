@@ -19,7 +19,7 @@ from service.acquisition.live import LiveFrame, LiveView
 from service.acquisition.lock import RigBusyError
 from service.acquisition.orchestrator import Orchestrator, RigNotConnectedError
 from service.context import ServiceDep
-from service.routes.documented import problems
+from service.routes.documented import files, problems
 
 router = APIRouter(prefix="/v1/rig/cameras", tags=["rig"])
 _BOUNDARY = "duofringe-frame"
@@ -36,7 +36,7 @@ MarkSaturated = Annotated[bool, Query(description="Paint pixels at full scale re
     operation_id="getPreview",
     summary="One live image (JPEG)",
     response_class=Response,
-    responses={200: {"content": {"image/jpeg": {}}}, **problems(409, 503)},
+    responses={**files("image/jpeg"), **problems(409, 503)},
 )
 async def preview(side: Side, service: ServiceDep, mark_saturated: MarkSaturated = False) -> Response:
     orchestrator = service.orchestrator
@@ -57,7 +57,7 @@ async def preview(side: Side, service: ServiceDep, mark_saturated: MarkSaturated
     operation_id="getStream",
     summary="Live images (MJPEG)",
     response_class=StreamingResponse,
-    responses={200: {"content": {"multipart/x-mixed-replace": {}}}, **problems(503)},
+    responses={**files("multipart/x-mixed-replace"), **problems(503)},
 )
 async def stream(
     side: Side, request: Request, service: ServiceDep, mark_saturated: MarkSaturated = False

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse, HTMLResponse
@@ -12,7 +12,7 @@ from service.context import ServiceDep
 from service.idempotency import IdempotencyKey, answer_once
 from service.reconstructions import ReconstructionRequest, reconstruct_stored
 from service.routes.captures import Cursor, PageSize
-from service.routes.documented import problems
+from service.routes.documented import files, problems
 from service.routes.links import next_link
 from service.views import ReconstructionPage, ReconstructionView
 
@@ -81,7 +81,7 @@ def get(reconstruction_id: str, service: ServiceDep) -> ReconstructionView:
     operation_id="getPoints",
     summary="The cloud as a file; mm, left-camera frame (GLB: metres, y up)",
     response_class=FileResponse,
-    responses=problems(404, 422),
+    responses={**files(*sorted({MEDIA_TYPES[suffix] for suffix in get_args(PointSuffix)})), **problems(404, 422)},
 )
 def points(reconstruction_id: str, suffix: PointSuffix, service: ServiceDep) -> FileResponse:
     return file_of(service, reconstruction_id, f"points.{suffix}", download=True)
@@ -92,7 +92,7 @@ def points(reconstruction_id: str, suffix: PointSuffix, service: ServiceDep) -> 
     operation_id="getDepth",
     summary="Depth map: float32 mm (TIFF, NaN where invalid) or colours (PNG)",
     response_class=FileResponse,
-    responses=problems(404, 422),
+    responses={**files("image/tiff", "image/png"), **problems(404, 422)},
 )
 def depth(reconstruction_id: str, suffix: Literal["tiff", "png"], service: ServiceDep) -> FileResponse:
     return file_of(service, reconstruction_id, f"depth.{suffix}", download=suffix == "tiff")
@@ -103,7 +103,7 @@ def depth(reconstruction_id: str, suffix: Literal["tiff", "png"], service: Servi
     operation_id="getSurfacePicture",
     summary="The surface, shaded by its normals",
     response_class=FileResponse,
-    responses=problems(404),
+    responses={**files("image/png"), **problems(404)},
 )
 def surface(reconstruction_id: str, service: ServiceDep) -> FileResponse:
     return file_of(service, reconstruction_id, "surface.png")
@@ -114,7 +114,7 @@ def surface(reconstruction_id: str, service: ServiceDep) -> FileResponse:
     operation_id="getPhasePicture",
     summary="Wrapped phase of one view, in colours",
     response_class=FileResponse,
-    responses=problems(404),
+    responses={**files("image/png"), **problems(404)},
 )
 def phase(reconstruction_id: str, carrier: Literal["high", "low"], side: Side, service: ServiceDep) -> FileResponse:
     return file_of(service, reconstruction_id, f"phase/{carrier}/{side}.png")
