@@ -113,10 +113,15 @@ def _findings(device: str, diagnosis: Diagnosis, plan: PatternPlan) -> list[Find
 
 
 def _motion(views: list[ViewAudit], limits: AuditLimits) -> list[Finding]:
-    seen = [v for v in views if v.motion is not None and v.motion.is_motion(limits) and v.diagnosis is None]
+    seen = {
+        view.device: max(m.moved for m in view.motions if m.is_motion(limits))
+        for view in views
+        if view.diagnosis is None and any(m.is_motion(limits) for m in view.motions)
+    }
     if not seen:
         return []
-    share = max(view.motion.moved for view in seen if view.motion is not None)
-    by = " and ".join(view.device for view in seen)
-    message = f"scene: moved during the sequence ({100 * share:.0f} % of what the {by} sees lit); keep it still"
+    share = 100 * max(seen.values())
+    message = (
+        f"scene: moved during the sequence ({share:.0f} % of what the {' and '.join(seen)} sees lit); keep it still"
+    )
     return [Finding(Fault.MOTION, "scene", message)]

@@ -37,7 +37,9 @@ class AuditLimits(BaseModel):
     """As ``contradiction``, in each quarter of the view's rows: a frame that changes its pattern half-way down."""
     moved_phase: float = Field(0.35, gt=0)
     """Phase by which a block of the composite must differ from the prediction to have moved."""
-    moved_blocks: float = Field(0.02, gt=0, lt=1)
+    moved_level: float = Field(0.05, gt=0)
+    """Difference between the means of two carriers, as a share of the level, from which a block moved."""
+    moved_blocks: float = Field(0.01, gt=0, lt=1)
     """Share of moved blocks from which the scene moved."""
     saturated_warning: float = Field(0.01, ge=0, le=1)
     """Share of lit pixels at the white level, in any image, that is worth a warning."""
@@ -49,5 +51,7 @@ class AuditLimits(BaseModel):
     """Median level of the black frame at lit pixels, as a share of the white frame's, that is worth a warning."""
     composite_contrast: float = Field(4 / 255, gt=0)
     """Standard deviation along a row from which a stretch of a single composite has fringes."""
+    little_lit: float = Field(0.03, ge=0, le=1)
+    """A single composite of which less than this share is lit cannot be told from a wrong one and is only warned of."""
     two_carriers: float = Field(0.25, gt=0, lt=1)
     """Share of fringed stretches of a single composite that must show both carriers."""

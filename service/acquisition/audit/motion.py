@@ -27,11 +27,12 @@ LEAST_BLOCKS = 6
 
 @dataclass(frozen=True)
 class Motion:
-    """blocks: how many were compared. moved: share of them that moved. phase: median size of their phase, rad."""
+    """blocks: how many were compared. moved: share of them that moved. typical: median of what was measured (phase in
+    rad, or difference as a share of the level)."""
 
     blocks: int
     moved: float
-    phase: float
+    typical: float
 
     def is_motion(self, limits: AuditLimits) -> bool:
         return self.moved >= limits.moved_blocks and self.moved * self.blocks >= LEAST_BLOCKS

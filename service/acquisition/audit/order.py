@@ -11,7 +11,11 @@ from service.acquisition.audit.axes import Axis, ComplexArray, FloatArray, IntAr
 from service.acquisition.audit.pieces import map_pixels_transposed
 
 LOW_PHASE_WEIGHT = 30.0
-"""Weight of 1 - cos(low phase error) against one plane read wrongly, which counts 2."""
+"""Least weight of 1 - cos(low phase error) against one plane read wrongly, which counts 2."""
+NEIGHBOUR_COST = 3.0
+"""What the order with the next best low phase must cost: more than one plane read wrongly."""
+ALIAS = 0.25
+"""Orders whose low phases are nearer than this (rad) are told apart by the planes alone."""
 CLEAR = 0.5
 """A plane reads clearly where it is this far from the middle, as a share of the fringe's amplitude."""
 
@@ -54,7 +58,11 @@ def decode_orders(
     if has_low:
         base = np.exp(1j * (2 * np.pi / axis.carriers[1].period) * in_fringe) * _unit(fields[1]).conj()
         turns = orders * (2 * np.pi * high.period / axis.carriers[1].period)
-        pair = LOW_PHASE_WEIGHT * np.stack([base.real, base.imag]).astype(np.float32)
+        spacing = _spacing(turns)
+        low_phase = min(low_phase, 0.75 * spacing)
+        pair = max(LOW_PHASE_WEIGHT, NEIGHBOUR_COST / (1 - np.cos(spacing))) * np.stack([base.real, base.imag]).astype(
+            np.float32
+        )
         turned = np.stack([np.cos(turns), -np.sin(turns)]).astype(np.float32)
         score = score + map_pixels_transposed(pair, turned)
     best = score.argmax(axis=1)
@@ -101,6 +109,12 @@ def best_rotation(axis: Axis, orders: Orders, limit: int = 2000) -> tuple[int, f
     best = int(np.argmax(agreement))
     lead = (agreement[best] - agreement[high.steps // 2]) / len(column)
     return int(turns[best]), lead
+
+
+def _spacing(turns: FloatArray) -> float:
+    """Smallest difference (rad) between low phases of orders that differ in it at all."""
+    apart = np.abs(np.angle(np.exp(1j * turns)))
+    return float(apart[apart > ALIAS].min(initial=np.pi))
 
 
 def _words(column: FloatArray, period: float, signs: FloatArray) -> IntArray:

@@ -12,8 +12,9 @@ import numpy.typing as npt
 
 from models.capture import Image
 from models.patterns import PatternPlan
-from service.acquisition.audit.axes import Axis, axes_of, composite_angles
+from service.acquisition.audit.axes import Axis, FloatArray, axes_of, composite_angles
 from service.acquisition.audit.culprits import Diagnosis, Misplaced, diagnose
+from service.acquisition.audit.drift import measure_drift
 from service.acquisition.audit.explanation import BANDS, LEAST_STEPS, Explanation, Pixels, explain
 from service.acquisition.audit.exposure import measure_exposure
 from service.acquisition.audit.limits import AuditLimits
@@ -37,7 +38,7 @@ class ViewAudit:
     proven: list[str] = field(default_factory=list)
     dark: bool = False
     diagnosis: Diagnosis | None = None
-    motion: Motion | None = None
+    motions: list[Motion] = field(default_factory=list)
 
 
 def audit_view(
@@ -76,15 +77,12 @@ def _audit_fringes(
     assert explanation is not None
     _modulation(view, explanation, axes, white_level, limits)
     problems = [p for p in explanation.problems if p.place is None or exposure.saturated <= limits.saturated_fatal]
-    view.motion = _motion(sample, plan, axes, limits)
-    if view.motion is not None:
-        view.statistics["motion_percent"] = round(100 * view.motion.moved, 2)
-        view.statistics["motion_phase"] = round(view.motion.phase, 3)
+    _measure_motion(view, sample, plan, axes, limits)
     if problems:
         view.diagnosis = diagnose(pixels, plan, axes, limits, explanation)
     elif twins:
         view.diagnosis = Diagnosis((Misplaced(twins[1], plan.names[twins[0]]),))
-    if problems and view.motion is not None and view.motion.is_motion(limits) and _may_be_motion(view, plan, problems):
+    if problems and any(m.is_motion(limits) for m in view.motions) and _may_be_motion(view, plan, problems):
         view.diagnosis = None
     _proof(view, explanation, axes)
 
@@ -145,11 +143,17 @@ def _modulation(
         view.findings.append(Finding(Fault.MODULATION, view.device, message, fatal=False))
 
 
-def _motion(sample: RowSample, plan: PatternPlan, axes: tuple[Axis, ...], limits: AuditLimits) -> Motion | None:
+def _measure_motion(
+    view: ViewAudit, sample: RowSample, plan: PatternPlan, axes: tuple[Axis, ...], limits: AuditLimits
+) -> None:
     for axis in axes:
         if (composite := composite_angles(plan, axis)) is not None:
-            return measure_motion(sample, axis, *composite, limits)
-    return None
+            view.motions.append(measure_motion(sample, axis, *composite, limits))
+            view.statistics["composite_moved_percent"] = round(100 * view.motions[-1].moved, 2)
+            view.statistics["composite_phase"] = round(view.motions[-1].typical, 3)
+        if (drift := measure_drift(sample, axis, limits)) is not None:
+            view.motions.append(drift)
+            view.statistics[f"moved_percent_{axis.name}"] = round(100 * drift.moved, 2)
 
 
 def _twins(sample: RowSample, plan: PatternPlan) -> tuple[int, int] | None:
@@ -173,8 +177,8 @@ def _proof(view: ViewAudit, explanation: Explanation, axes: tuple[Axis, ...]) ->
             if not _start_is_known(explanation, axis):
                 unproven[carrier.kind] = "no Gray code or composite tells the first phase step"
                 proven -= set(carrier.members.tolist())
-            elif carrier.steps == 3 and len(axis.carriers) == 1:
-                unproven[carrier.kind] = "three phase steps of one carrier fit any order"
+            elif carrier.steps <= 4 and not _direction_is_known(explanation, axis):
+                unproven[carrier.kind] = "so few phase steps fit a reversed order as well"
                 proven -= set(carrier.members.tolist())
         if axis.code is not None:
             weak = set(axis.code.members.tolist()) - _proven_planes(explanation, axis)
@@ -201,6 +205,11 @@ def _proof(view: ViewAudit, explanation: Explanation, axes: tuple[Axis, ...]) ->
 
 def _start_is_known(explanation: Explanation, axis: Axis) -> bool:
     return axis.code is not None or composite_angles(explanation.plan, axis) is not None
+
+
+def _direction_is_known(explanation: Explanation, axis: Axis) -> bool:
+    """Reversed steps make the phase fall where it rose; orders beside a second carrier, or along the rows, tell."""
+    return axis.code is not None and (len(axis.carriers) > 1 or axis.name in explanation.steps)
 
 
 def _proven_planes(explanation: Explanation, axis: Axis) -> set[int]:
@@ -234,12 +243,12 @@ def _audit_without_fringes(
     view.statistics["unproven"] = {p.name: "no phase steps to lay it against" for p in plan.patterns}
     if exposure.saturated > limits.saturated_fatal:
         return
-    if np.percentile(brightest, 99.5) < limits.least_light:
+    if np.percentile(brightest, 100 * (1 - limits.least_lit / 2)) < limits.least_light:
         view.dark = True
         return
     for place, pattern in enumerate(plan.patterns):
         if pattern.kind == "composite":
-            _audit_composite(view, place, levels[place], saturated[place], plan, limits)
+            _audit_composite(view, place, levels[place], saturated[place], lit, plan, limits)
     kinds = [p.kind for p in plan.patterns]
     if "white" in kinds and "black" in kinds:
         white, black = kinds.index("white"), kinds.index("black")
@@ -248,8 +257,15 @@ def _audit_without_fringes(
 
 
 def _audit_composite(
-    view: ViewAudit, place: int, levels: Any, saturated: Any, plan: PatternPlan, limits: AuditLimits
+    view: ViewAudit,
+    place: int,
+    levels: FloatArray,
+    saturated: npt.NDArray[np.bool_],
+    lit: npt.NDArray[np.bool_],
+    plan: PatternPlan,
+    limits: AuditLimits,
 ) -> None:
+    name = plan.names[place]
     high, low = plan.patterns[place].periods
     found = find_two_carriers(levels, saturated, low / high, limits)
     view.statistics["composite"] = {
@@ -257,14 +273,20 @@ def _audit_composite(
         "both_carriers_percent": round(100 * found.both, 1),
         "contrast": round(found.contrast, 4),
     }
-    if found.stretches < LEAST_STRETCHES:
-        if len(plan) == 1 and float(np.percentile(levels, 99.5)) < 3 * limits.least_light:
-            view.dark = True
-        else:
-            remark = "shows no fringes"
-            view.diagnosis = Diagnosis((Misplaced(place, None),), remark)
-    elif found.both < limits.two_carriers:
-        view.diagnosis = Diagnosis((Misplaced(place, None),), "does not show both carriers")
+    enough = found.stretches >= LEAST_STRETCHES
+    brightest = float(np.percentile(levels, 100 * (1 - limits.least_lit / 2)))
+    if enough and found.both >= limits.two_carriers:
+        view.proven.append(name)
+        del view.statistics["unproven"][name]
+    elif not enough and len(plan) == 1 and brightest < 3 * limits.least_light:
+        view.dark = True
+    elif lit.mean() < limits.little_lit:
+        view.statistics["unproven"][name] = "too little of the view is lit"
+        message = (
+            f"{view.device}: only {100 * lit.mean():.1f} % of the view is lit, too little to tell whether exposure "
+            f"{place} ({name}) shows both carriers; bring the object closer or check the points"
+        )
+        view.findings.append(Finding(Fault.MODULATION, view.device, message, place, name, fatal=False))
     else:
-        view.proven.append(plan.names[place])
-        del view.statistics["unproven"][plan.names[place]]
+        remark = "does not show both carriers" if enough else "shows no fringes"
+        view.diagnosis = Diagnosis((Misplaced(place, None),), remark)
