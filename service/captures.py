@@ -5,16 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 from models.capture import Capture
+from models.patterns import PatternKind
 from service.acquisition.outcome import CaptureOutcome
 from service.acquisition.request import CaptureRequest
 from service.context import Service
 from service.library import NotFoundError, StoredCapture
 
 
-def take(service: Service, request: CaptureRequest, capture_id: str) -> CaptureOutcome:
+def take(
+    service: Service, request: CaptureRequest, capture_id: str, *, needs: PatternKind | None = None
+) -> CaptureOutcome:
     """Take a capture that bears the id already; nothing is stored. Raises as ``Orchestrator.capture``, or disk full."""
     service.library.require_space()
-    outcome = service.orchestrator.capture(request)
+    outcome = service.orchestrator.capture(request, needs=needs)
     return replace(outcome, capture=_named(outcome.capture, capture_id))
 
 

@@ -9,10 +9,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from models.capture import Capture
 from models.errors import DuofringeError, ReconstructionError
-from models.patterns import PatternKind, PatternPlan
+from models.patterns import PatternKind
 from models.reconstruct import Method, ReconstructionOptions, kinds_needed, reconstruct
 from models.stereo.matcher import Matching
-from service.acquisition.plans import PlanError, resolve_plan
 from service.acquisition.request import LONGEST_PLAN, PLAN_HELP, CaptureOptions, CaptureRequest, PlanField
 from service.captures import already_stored, take
 from service.compute import ComputeBusyError
@@ -104,11 +103,10 @@ def capture_and_reconstruct(
     started = time.perf_counter()
     options = request.options()
     wanted = request.capture_request()
-    _require_patterns(service, wanted.plan, request.method)
     finished_before = already_stored(service, capture_id)
     if finished_before is not None:
         return _resume(service, request, finished_before, started)
-    outcome = take(service, wanted, capture_id)
+    outcome = take(service, wanted, capture_id, needs=_INDISPENSABLE[request.method])
     captured = time.perf_counter()
     try:
         computing = service.compute.submit(lambda: reconstruct(outcome.capture, options))
@@ -153,15 +151,6 @@ def _resume(
 def _extra(capture: Capture) -> dict[str, Any]:
     """What a reconstruction takes over from its capture: its warnings hold for the cloud as well."""
     return {"warnings": list(capture.record.warnings)}
-
-
-def _require_patterns(service: Service, plan: PlanField, method: Method) -> None:
-    """Refuse a plan that the method cannot decode before anything is projected."""
-    if not service.orchestrator.connected:
-        return  # the capture says it better
-    resolved: PatternPlan = resolve_plan(plan, service.orchestrator.devices.projector.info.stored)
-    if _INDISPENSABLE[method] not in resolved.kinds:
-        raise PlanError(f"method {method} needs {_INDISPENSABLE[method]} patterns, which the plan lacks")
 
 
 def _answer(

@@ -12,7 +12,7 @@ from drivers.errors import DeviceConfigurationError, DeviceNotFoundError, Driver
 from drivers.projector import Projector, ProjectorSettings, ProjectorState
 from models.errors import DuofringeError
 from models.geometry.rig import Side
-from models.patterns import Pattern, PatternPlan
+from models.patterns import Pattern, PatternKind, PatternPlan
 from service.acquisition.assist import Assistance, find_exposure
 from service.acquisition.audit import AuditReport, audit
 from service.acquisition.cancellation import Cancellation
@@ -21,7 +21,7 @@ from service.acquisition.finding import Fault, Finding
 from service.acquisition.live import LiveView
 from service.acquisition.lock import RigLock
 from service.acquisition.outcome import CaptureOutcome, SequenceRefusedError
-from service.acquisition.plans import resolve_plan
+from service.acquisition.plans import PlanError, resolve_plan
 from service.acquisition.record import make_capture
 from service.acquisition.request import AssistRequest, CaptureRequest
 from service.acquisition.sequence import RecordedSequence, RigSettings, record_sequence
@@ -123,9 +123,10 @@ class Orchestrator:
                 self._settings = found.settings
             return found
 
-    def capture(self, request: CaptureRequest) -> CaptureOutcome:
+    def capture(self, request: CaptureRequest, *, needs: PatternKind | None = None) -> CaptureOutcome:
         """Take one capture; complete and proven, or not at all.
 
+        needs: patterns without which the capture would be of no use; a plan that lacks them is refused unprojected.
         Raises RigBusyError, RigNotConnectedError, PlanError, SceneError, SequenceInvalidError and
         DeviceConfigurationError where the request does not fit the rig, CaptureCancelledError, and
         SequenceRefusedError when no attempt could be kept.
@@ -135,6 +136,8 @@ class Orchestrator:
             self._revive()
             self._place(request.scene)
             plan = resolve_plan(request.plan, self.devices.projector.info.stored)
+            if needs is not None and needs not in plan.kinds:
+                raise PlanError(f"the plan lacks the {needs} patterns that the reconstruction's method needs")
             settings = self._settings.with_exposure(request.exposure_us)
             refused: list[Finding] = []
             for attempt in range(1, self.acquisition.retakes + 2):

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from recorded_rig import RecordedRig, recorded_rig
+from simulated_captures import only
 
 from drivers.camera import CameraSettings, CameraState
 from drivers.devices import RigDevices
@@ -18,7 +19,7 @@ from drivers.errors import DeviceConfigurationError, SequenceInvalidError
 from drivers.projector import ProjectorSettings, ProjectorState
 from drivers.virtual.camera import VirtualCamera
 from drivers.virtual.faults import PlantedFault
-from models.capture import read_capture
+from models.capture import read_capture, write_capture
 from service.acquisition.cancellation import CaptureCancelledError
 from service.acquisition.lock import RigBusyError
 from service.acquisition.orchestrator import Orchestrator, RigNotConnectedError, SceneError
@@ -64,6 +65,12 @@ class TestCapture:
             rig.orchestrator.capture(CaptureRequest(plan=plan))
         assert rig.bench.pulses_sent == before
         assert rig.is_safe
+
+    def test_a_plan_without_what_is_needed_moves_nothing(self, rig: RecordedRig) -> None:
+        before = rig.bench.pulses_sent
+        with pytest.raises(PlanError, match="high"):
+            rig.orchestrator.capture(COMPOSITE, needs="high")
+        assert rig.bench.pulses_sent == before
 
     def test_exposure_of_one_capture_does_not_stay(self, rig: RecordedRig) -> None:
         outcome = rig.orchestrator.capture(CaptureRequest(exposure_us=20_000))
@@ -176,6 +183,16 @@ class TestSettings:
 
 
 class TestScenes:
+    def test_needs_are_those_of_the_capture_whose_turn_it_is(self, full_capture: Path, tmp_path: Path) -> None:
+        """The first recorded capture has no composite, the second has."""
+        recorded = read_capture(full_capture / "plate")
+        write_capture(only(recorded, {"white", "high", "low", "gray", "black"}), tmp_path / "a")
+        write_capture(only(recorded, {"composite"}), tmp_path / "b")
+        rig = recorded_rig(tmp_path)
+        assert rig.orchestrator.capture(CaptureRequest(plan="reference"), needs="high").attempts == 1
+        assert rig.orchestrator.capture(COMPOSITE, needs="composite").attempts == 1
+        rig.orchestrator.close()
+
     def test_an_unknown_scene_is_refused(self, rig: RecordedRig) -> None:
         with pytest.raises(SceneError, match="nowhere"):
             rig.orchestrator.capture(CaptureRequest(scene="../nowhere"))
