@@ -138,6 +138,8 @@ class Explanation:
         if np.median(reading) < -0.3:
             return False
         white = [k for k, p in enumerate(self.plan.patterns) if p.kind == "white"]
+        if white and np.median(self.readings[white[0]]) < -0.3:
+            return False
         # Noise averages out over neighbours; another light does not.
         if white and np.median(np.abs(_by_neighbours(reading - self.readings[white[0]]).mean(axis=1))) < 0.1:
             return False
