@@ -1,0 +1,43 @@
+"""What a simulated camera sees."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from drivers.gigevision.features import SENSOR_SIZE
+from drivers.gigevision.protocol import PIXEL_FORMATS
+from models.capture import Image
+
+ImageMaker = Callable[[int, float, float], Image]
+"""(index of the pulse, exposure in us, gain in dB) -> (height, width) uint8, or uint16 with 12 bits.
+
+Of the size that the camera delivers, or of the whole sensor: then the region of interest is cut out of it.
+"""
+_STEP = 8
+_BRIGHT_US = 10_000.0
+
+
+def moving_ramp(index: int, exposure_us: float, gain_db: float, size: tuple[int, int]) -> Image:
+    """A ramp along both axes that moves ``_STEP`` grey levels an index; saturates. size: width, height px."""
+    width, height = size
+    ramp = np.add.outer(np.arange(height), np.arange(width) + _STEP * index).astype(np.uint8)
+    bright = min(exposure_us / _BRIGHT_US, 100.0) * 10 ** (gain_db / 20)
+    levels = np.minimum(np.arange(256) * bright, 255).astype(np.uint8)
+    seen: Image = levels[ramp]
+    return seen
+
+
+def as_pixels(image: Image, roi: tuple[int, int, int, int], pixel_format: int) -> bytes:
+    """An image as the stream carries it; 12 bits stand in the upper bits of 16, low byte first."""
+    width, height, x, y = roi
+    if image.shape == SENSOR_SIZE[::-1]:
+        image = image[y : y + height, x : x + width]
+    if image.shape != (height, width):
+        raise ValueError(f"an image of {image.shape} cannot come from a camera that delivers {(height, width)}")
+    if pixel_format == PIXEL_FORMATS["Mono8"]:
+        narrow = image if image.dtype == np.uint8 else (image >> 4).astype(np.uint8)
+        return narrow.tobytes()
+    wide = image.astype("<u2") << (8 if image.dtype == np.uint8 else 4)
+    return wide.tobytes()
