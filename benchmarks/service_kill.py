@@ -12,6 +12,7 @@ import statistics
 import tempfile
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ from service.library.ids import is_id
 
 MOMENTS = 20
 _REQUEST = {"plan": "full", "notes": "to be interrupted"}
-_ARGUMENTS = ["--driver", "simulated"]
+_SIMULATED = ("--driver", "simulated")
 
 
 @dataclass(frozen=True)
@@ -61,9 +62,11 @@ def main(arguments: list[str] | None = None) -> None:
     show(title, rows, data, as_json=given.json)
 
 
-def kill_at_random(folder: Path, moments: int, draw: random.Random) -> list[Moment]:
-    """Raises BrokenPromiseError at the first kill that left anything amiss."""
-    service = ServiceProcess(folder, _ARGUMENTS)
+def kill_at_random(
+    folder: Path, moments: int, draw: random.Random, arguments: Sequence[str] = _SIMULATED
+) -> list[Moment]:
+    """arguments: of ``duofringe serve``. Raises BrokenPromiseError at the first kill that left anything amiss."""
+    service = ServiceProcess(folder, arguments)
     done: list[Moment] = []
     try:
         with service.client() as client:
@@ -79,7 +82,7 @@ def kill_at_random(folder: Path, moments: int, draw: random.Random) -> list[Mome
             _kill_during_capture(service, key, after_s)
             found = _look(service.library, expected)
             started = time.monotonic()
-            service = ServiceProcess(folder, _ARGUMENTS)
+            service = ServiceProcess(folder, arguments)
             restarted = time.monotonic()
             expected += 1
             _repeat(service, key, expected)

@@ -20,7 +20,7 @@ _PLAN = "full"
 _PATIENCE_S = 10.0
 _PART = re.compile(rb"--duofringe-frame\r\n")
 _SETTLED_S = 12.0
-"""Threads that answered requests end some seconds after the last of them."""
+"""Threads that answered requests end when they had nothing to do for ten seconds."""
 
 
 @dataclass(frozen=True)
@@ -121,11 +121,13 @@ def one_round(service: ServiceProcess) -> float:
 
 
 def settled(service: ServiceProcess, like: Held | None = None) -> Held:
-    """What the service holds once that stays; waits longer for it to become ``like``."""
+    """What the service holds once that stays for a second; waits longer for it to become ``like``."""
     until = time.monotonic() + _SETTLED_S
     held, since = Held.by(service), time.monotonic()
     while time.monotonic() < until and held != like and (like is not None or time.monotonic() - since < 1.0):
-        time.sleep(0.1)
+        with service.client() as client:
+            client.get("/v1/rig")  # idle threads are looked for when a thread is needed
+        time.sleep(0.3)
         now = Held.by(service)
         if now != held:
             held, since = now, time.monotonic()

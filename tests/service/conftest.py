@@ -50,5 +50,6 @@ def simulated(tmp_path: Path) -> Iterator[SmallService]:
 @pytest.fixture(scope="session")
 def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
     """``duofringe serve`` with the simulated rig, in a process of its own."""
-    with ServiceProcess(tmp_path_factory.mktemp("live"), ["--driver", "simulated"]) as process:
+    limits = {"DUOFRINGE_SERVER__MAX_UPLOAD_BYTES": str(64 * 2**20)}
+    with ServiceProcess(tmp_path_factory.mktemp("live"), ["--driver", "simulated"], limits) as process:
         yield process

@@ -192,7 +192,7 @@ def test_an_error_of_a_kind_nobody_listed_is_still_told(small: SmallService, mon
     class UnlistedError(DuofringeError):
         pass
 
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise UnlistedError("the lamp sings")
 
     monkeypatch.setattr(small.service.orchestrator, "capture", fail)

@@ -170,7 +170,7 @@ def test_pages_of_other_sites_move_nothing(lasting: SmallService) -> None:
 def test_an_error_of_the_service_itself_names_its_place_in_the_log(
     small: SmallService, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise ZeroDivisionError("a secret of the house")
 
     monkeypatch.setattr(small.service.orchestrator, "capture", fail)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from pathlib import Path
+from typing import Any
 
 import httpx2
 import pytest
@@ -73,10 +74,10 @@ def test_a_request_under_way_is_not_begun_again(
     begun, go_on = threading.Event(), threading.Event()
     capture = small.service.orchestrator.capture
 
-    def slow(request: object) -> object:
+    def slow(*arguments: Any, **options: Any) -> object:
         begun.set()
         assert go_on.wait(10)
-        return capture(request)  # type: ignore[arg-type]
+        return capture(*arguments, **options)
 
     monkeypatch.setattr(small.service.orchestrator, "capture", slow)
     answers: list[httpx2.Response] = []
