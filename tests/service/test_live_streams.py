@@ -145,3 +145,25 @@ def test_the_end_of_the_service_leaves_the_rig_safe(served: tuple[SmallService, 
     assert devices.projector.state is ProjectorState.CLOSED
     assert all(camera.state is CameraState.CLOSED for camera in devices.cameras.values())
     assert small.bench.shown is None
+
+
+def test_a_stream_outlives_a_rig_that_is_closed_and_opened(
+    served: tuple[SmallService, uvicorn.Server, str],
+) -> None:
+    small, _, url = served
+    with (
+        httpx2.Client(base_url=url, timeout=10.0) as client,
+        httpx2.Client(base_url=url, timeout=10.0) as viewer,
+        viewer.stream("GET", "/v1/rig/cameras/left/stream") as response,
+    ):
+        parts = response.iter_raw()
+        next(parts)
+        assert client.post("/v1/rig/disconnect").status_code == 200
+        time.sleep(0.2)
+        assert not small.service.orchestrator.connected
+        assert client.post("/v1/rig/connect").status_code == 200
+        newest = small.service.orchestrator.live._number
+        while small.service.orchestrator.live._number <= newest + 1:
+            next(parts)
+        assert client.post("/v1/captures", json={}).status_code == 201
+        next(parts)
