@@ -37,14 +37,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def send_train(cameras: Sequence[SimulatedGrasshopper], count: int, period_us: float) -> None:
-    """Pulse every camera ``count`` times."""
+    """Pulse every camera ``count`` times, in periods that do not depend on how busy the machine is."""
     start_s = time.monotonic()
     for index in range(count):
         due_s = start_s + 1e-6 * period_us * index
         while (left_s := due_s - time.monotonic()) > 0:
             time.sleep(max(0.0, left_s - _SPIN_S))
         for camera in cameras:
-            camera.pulse()
+            camera.pulse(at_s=due_s)
 
 
 def _serve(commands: socket.socket, cameras: dict[str, SimulatedGrasshopper]) -> None:

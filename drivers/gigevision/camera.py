@@ -38,11 +38,11 @@ class CameraBody:
         }
         self.registers = Registers(identity, made, self._on_write)
 
-    def pulse(self, line: str = "Line3", edge: str = "RisingEdge") -> bool:
-        """One edge on a line, now; whether it started an exposure."""
-        now_s = time.monotonic()
+    def pulse(self, line: str, edge: str, at_s: float | None) -> bool:
+        """One edge on a line; whether it started an exposure."""
+        at_s = time.monotonic() if at_s is None else at_s
         with self.lock:
-            return self._trigger(line, edge, now_s)
+            return self._trigger(line, edge, at_s)
 
     def stop(self) -> None:
         """Stop acquisition and forget what is on its way."""

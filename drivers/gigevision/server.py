@@ -67,9 +67,12 @@ class SimulatedGrasshopper:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def pulse(self, line: str = "Line3", edge: str = "RisingEdge") -> bool:
-        """One edge on a line of the camera, now; whether it started an exposure."""
-        return self._body.pulse(line, edge)
+    def pulse(self, line: str = "Line3", edge: str = "RisingEdge", at_s: float | None = None) -> bool:
+        """One edge on a line of the camera; whether it started an exposure.
+
+        at_s: when it came, ``time.monotonic``, None for now: a train of pulses keeps its period on a busy machine.
+        """
+        return self._body.pulse(line, edge, at_s)
 
     def plan_faults(self, faults: TriggerFaults) -> None:
         """What goes wrong at which pulse, from now on."""

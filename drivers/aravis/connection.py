@@ -1,0 +1,99 @@
+"""A camera that is held open."""
+
+from __future__ import annotations
+
+import threading
+
+from drivers.aravis.configuration import AravisConfiguration
+from drivers.aravis.discovery import is_loopback, locate, privilege, same_serial
+from drivers.aravis.features import Features
+from drivers.aravis.library import ACCESS_CHECK, RANGE_CHECK, USB_MODES, AravisError, ControlLost, Library, load_library
+from drivers.errors import (
+    DeviceBusyError,
+    DeviceLostError,
+    DeviceNotFoundError,
+    DevicePermissionError,
+    DriverError,
+)
+
+_PERMISSION = ("permission", "access denied", "libusb_error_access", "insufficient")
+_BUSY = ("busy", "claim", "in use", "not-controller", "not controller")
+
+
+class Connection:
+    """Opened by its making, which raises what ``Camera.open`` may; held until ``release``."""
+
+    def __init__(self, device: str, configuration: AravisConfiguration) -> None:
+        self.library: Library = load_library(device, configuration.library)
+        address = None if configuration.address is None else str(configuration.address)
+        found = locate(self.library, device, configuration.serial, address)
+        try:
+            self.handle: int = self.library.call("camera_new", found.id.encode())
+        except AravisError as error:
+            raise _why(device, str(error)) from error
+        self._device_handle: int = self.library.call("camera_get_device", self.handle)
+        self.gige = bool(self.library.call("camera_is_gv_device", self.handle))
+        self.address = found.address
+        self.simulated = self.gige and is_loopback(found.address)
+        self._control_lost = threading.Event()
+        self._callback = ControlLost(lambda *_: self._control_lost.set())
+        self._handler = self.library.on_control_lost(self._device_handle, self._callback)
+        self.features = Features(self.library, self.handle, device)
+        try:
+            self._check(device, configuration)
+        except DriverError:
+            self.release()
+            raise
+
+    def is_alive(self) -> bool:
+        """Whether the camera answers and is still ours; below a second where it does not."""
+        if self._control_lost.is_set():
+            return False
+        if self.gige:
+            return bool(privilege(self.address))
+        try:
+            self.features.read("Width", int)
+        except DeviceLostError:
+            return False
+        return True
+
+    @property
+    def control_lost(self) -> bool:
+        """Whether the library has found out by itself that the camera is gone."""
+        return self._control_lost.is_set()
+
+    def release(self, *, dead: bool = False) -> None:
+        """Let go of it. dead: do not wait for its answers."""
+        self.library.disconnect(self._device_handle, self._handler)
+        (self.library.release_later if dead else self.library.release)(self.handle)
+
+    def text(self, *names: str) -> str:
+        """The first of these features that the camera has, else nothing."""
+        return next((self.features.read(name, str) for name in names if self.features.has(name)), "")
+
+    @property
+    def serial(self) -> str:
+        return self.text("DeviceSerialNumber", "DeviceID")
+
+    def _check(self, device: str, configuration: AravisConfiguration) -> None:
+        if self.gige and not self.library.call("gv_device_is_controller", self._device_handle):
+            raise DeviceBusyError(device, "another program controls the camera; end that one first")
+        if configuration.serial is not None and not same_serial(configuration.serial, self.serial):
+            raise DeviceNotFoundError(
+                device, f"the camera at {self.address} has the serial number {self.serial}, not {configuration.serial}"
+            )
+        self.library.call("camera_set_range_check_policy", self.handle, RANGE_CHECK)
+        self.library.call("camera_set_access_check_policy", self.handle, ACCESS_CHECK)
+        if configuration.usb_mode is not None and self.library.call("camera_is_uv_device", self.handle):
+            self.library.call("camera_uv_set_usb_mode", self.handle, USB_MODES[configuration.usb_mode])
+
+
+def _why(device: str, text: str) -> DriverError:
+    lowered = text.lower()
+    if any(word in lowered for word in _PERMISSION):
+        return DevicePermissionError(
+            device, f"the system refuses access ({text}); install the udev rule for the camera"
+        )
+    if any(word in lowered for word in _BUSY):
+        return DeviceBusyError(device, f"another program holds the camera ({text}); end that one first")
+    return DeviceNotFoundError(device, f"the camera cannot be opened ({text}); check its cable and power")

@@ -1,0 +1,118 @@
+"""Which cameras answer, and whether one still does."""
+
+from __future__ import annotations
+
+import ipaddress
+import secrets
+import socket
+import threading
+import time
+from typing import NamedTuple
+
+from drivers.aravis.library import Library, load_library
+from drivers.errors import DeviceNotFoundError
+from drivers.gigevision.protocol import CONTROL_PORT, Bootstrap, Command, make_request, parse_answer
+
+_TRIES_S = (0.05, 0.1, 0.2, 0.4)
+_LISTING = threading.Lock()
+
+
+class FoundCamera(NamedTuple):
+    """id: the library's name for it. address: of IPv4, or the place on the USB.
+
+    protocol: "USB3Vision" or "GigEVision".
+    """
+
+    id: str
+    model: str
+    serial: str
+    address: str
+    protocol: str
+
+
+def find_cameras(library: str | None = None, device: str = "camera") -> list[FoundCamera]:
+    """Every camera that answers within the second that this takes. DeviceUnavailableError without the library."""
+    return _listed(load_library(device, library))
+
+
+def locate(library: Library, device: str, serial: str | None, address: str | None) -> FoundCamera:
+    """The camera with this serial number or address, or the only one there is.
+
+    Raises DeviceNotFoundError. A GigE Vision camera with a known address is asked for directly, which takes no second.
+    """
+    if address is not None:
+        if privilege(address) is None:
+            raise DeviceNotFoundError(device, f"no camera answers at {address}; check its cable, power and address")
+        return FoundCamera(address, "", serial or "", address, "GigEVision")
+    found = _listed(library)
+    there = ", ".join(f"{camera.model} {camera.serial}" for camera in found) or "none"
+    if serial is None:
+        if len(found) != 1:
+            raise DeviceNotFoundError(device, f"name one camera by its serial number; those that answer: {there}")
+        return found[0]
+    for camera in found:
+        if same_serial(serial, camera.serial):
+            return camera
+    raise DeviceNotFoundError(
+        device, f"no camera with the serial number {serial} answers; those that do: {there}; check cable and power"
+    )
+
+
+def same_serial(wanted: str, shown: str) -> bool:
+    """On the USB, a serial number is often shown as hexadecimal digits."""
+    if wanted.strip().lower() == shown.strip().lower():
+        return True
+    try:
+        return int(wanted) == int(shown, 16)
+    except ValueError:
+        return False
+
+
+def privilege(address: str) -> int | None:
+    """Control register of a GigE Vision camera: 0 while nobody controls it; None where it does not answer."""
+    number = secrets.randbelow(0xFFFF) + 1
+    request = make_request(Command.READ_REGISTERS, number, int(Bootstrap.PRIVILEGE).to_bytes(4, "big"))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+        for patience_s in _TRIES_S:
+            try:
+                asking.sendto(request, (address, CONTROL_PORT))
+            except OSError:  # no way there
+                return None
+            answer = _await_answer(asking, number, patience_s)
+            if answer is not None and len(answer) == 4:
+                return int.from_bytes(answer, "big")
+    return None
+
+
+def is_loopback(address: str) -> bool:
+    """Whether a camera is a program on this machine."""
+    try:
+        return ipaddress.ip_address(address).is_loopback
+    except ValueError:
+        return False
+
+
+def _await_answer(asking: socket.socket, number: int, patience_s: float) -> bytes | None:
+    deadline = time.monotonic() + patience_s
+    while (left_s := deadline - time.monotonic()) > 0:
+        asking.settimeout(left_s)
+        try:
+            packet = asking.recv(1024)
+        except OSError:  # too late, or refused
+            return None
+        body = parse_answer(packet, Command.READ_REGISTERS, number)
+        if body is not None:
+            return body
+    return None
+
+
+def _listed(library: Library) -> list[FoundCamera]:
+    def text(name: str, index: int) -> str:
+        return (library.call(f"get_device_{name}", index) or b"").decode(errors="replace")
+
+    with _LISTING:
+        library.call("update_device_list")
+        return [
+            FoundCamera(*(text(name, index) for name in ("id", "model", "serial_nbr", "address", "protocol")))
+            for index in range(library.call("get_n_devices"))
+        ]

@@ -1,0 +1,146 @@
+"""Frames as the library hands them over, from one arming to the next disarming."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.aravis.library import AravisError, Library
+from models.capture import Image
+
+_GVSP_IDS = 0xFFFF
+"""Ids of GigE Vision run from 1 to this and then from 1 again."""
+_WHOLE = 0
+_NEVER_A_FRAME = (1, 6, 7)
+_STATUS = {
+    -1: "unknown",
+    2: "the rest of it did not come in time",
+    3: "packets are missing",
+    4: "a packet has a wrong number",
+    5: "its size is wrong",
+    8: "it is no image",
+}
+_MONO8, _MONO16 = 0x0108_0001, 0x0110_0007
+_SPARE_BUFFERS = 4
+_ENDLESS_BUFFERS = 32
+
+
+@dataclass(frozen=True, eq=False)
+class Received:
+    """image: None where the frame is damaged; ``problem`` says how. frame_id: from 0. Times in ns.
+
+    device_ns: the camera's clock. system_ns: arrival, ``time.time_ns``.
+    """
+
+    frame_id: int
+    device_ns: int
+    system_ns: int
+    image: Image | None = None
+    problem: str = ""
+
+
+class FrameIds:
+    """Turns ids that may start at 1 and wrap into a count from 0."""
+
+    def __init__(self, *, gige: bool) -> None:
+        self._gige = gige
+        self._last = -1
+        self._seen = 0
+        self._highest = -1
+
+    def count(self, raw: int) -> int:
+        """``raw`` comes within half a round of the last one."""
+        if not self._gige:
+            number = raw
+        else:
+            ahead = (raw - 1 - self._last + _GVSP_IDS // 2) % _GVSP_IDS - _GVSP_IDS // 2
+            number = self._last + ahead
+        self._last = number
+        self._seen += 1
+        self._highest = max(self._highest, number)
+        return number
+
+    @property
+    def missing(self) -> int:
+        """Ids before the highest that never came."""
+        return max(0, self._highest + 1 - self._seen)
+
+
+class FrameStream:
+    """One of the library's streams; a fresh one for each arming, since an old one discards ids that start anew.
+
+    Not safe against threads. Raises AravisError where it cannot be made.
+    """
+
+    def __init__(self, library: Library, camera: int, frames: int | None, *, gige: bool) -> None:
+        self._library = library
+        self._ids = FrameIds(gige=gige)
+        self.delivered = 0
+        payload = library.call("camera_get_payload", camera)
+        self._handle: int = library.call("camera_create_stream", camera, None, None)
+        if not self._handle:
+            raise AravisError("device", 4, "the library made no stream")
+        for _ in range(_ENDLESS_BUFFERS if frames is None else frames + _SPARE_BUFFERS):
+            library.call("stream_push_buffer", self._handle, library.call("buffer_new_allocate", payload))
+
+    def pop(self, timeout_us: int) -> Received | None:
+        """The next arrival, None where nothing comes in time."""
+        while True:
+            buffer = self._library.call("stream_timeout_pop_buffer", self._handle, timeout_us)
+            if not buffer:
+                return None
+            try:
+                received = self._receive(buffer)
+            finally:
+                self._library.call("stream_push_buffer", self._handle, buffer)
+            if received is not None:
+                return received
+
+    def end(self, *, dead: bool) -> int:
+        """Let go of it after acquisition has stopped; how many whole frames were left."""
+        left = 0
+        while buffer := self._library.call("stream_try_pop_buffer", self._handle):
+            received = self._receive(buffer)
+            left += received is not None and received.image is not None
+            self._library.release(buffer)
+        (self._library.release_later if dead else self._library.release)(self._handle)
+        return left
+
+    @property
+    def lost(self) -> int:
+        return self._ids.missing
+
+    def _receive(self, buffer: int) -> Received | None:
+        call = self._library.call
+        status = call("buffer_get_status", buffer)
+        if status in _NEVER_A_FRAME:
+            return None
+        number = self._ids.count(call("buffer_get_frame_id", buffer))
+        times = (call("buffer_get_timestamp", buffer), call("buffer_get_system_timestamp", buffer))
+        if status != _WHOLE:
+            return Received(number, *times, problem=_STATUS.get(status, f"status {status}"))
+        size = ctypes.c_size_t()
+        data = call("buffer_get_data", buffer, ctypes.byref(size))
+        width, height = call("buffer_get_image_width", buffer), call("buffer_get_image_height", buffer)
+        pixels = np.ctypeslib.as_array((ctypes.c_uint8 * size.value).from_address(data))
+        image = _as_image(pixels, width, height, call("buffer_get_image_pixel_format", buffer))
+        return Received(number, *times, image=image, problem="" if image is not None else "its size or format is wrong")
+
+
+def _as_image(pixels: np.ndarray, width: int, height: int, pixel_format: int) -> Image | None:
+    """A copy: the library will write into the buffer again."""
+    if pixel_format == _MONO8 and pixels.size >= width * height:
+        return pixels[: width * height].reshape(height, width).copy()
+    if pixel_format == _MONO16 and pixels.size >= 2 * width * height:
+        wide = pixels[: 2 * width * height].view("<u2").reshape(height, width)
+        return (wide >> 4).astype(np.uint16)
+    return None
+
+
+def stop(library: Library, camera: int) -> None:
+    """Stop acquisition; a camera that does not listen any more stops by itself."""
+    with contextlib.suppress(AravisError):
+        library.call("camera_stop_acquisition", camera)

@@ -1,0 +1,39 @@
+"""The library, which CI must have, and simulated cameras on addresses of their own."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from drivers.aravis.library import load_library
+from drivers.errors import DeviceUnavailableError
+from drivers.gigevision import SimulatedGrasshopper
+
+SERIAL = "20497219"
+
+
+@pytest.fixture(scope="session")
+def aravis() -> None:
+    """libaravis is there; in CI its absence is a failure."""
+    try:
+        load_library("test")
+    except DeviceUnavailableError as error:
+        if os.environ.get("CI") == "true":
+            pytest.fail(str(error))
+        pytest.skip(str(error))
+
+
+@pytest.fixture
+def address() -> Callable[[int], str]:
+    """Loopback addresses that no other test process uses: the port of GigE Vision is fixed."""
+    process = os.getpid()
+    return lambda index: f"127.{process >> 14 & 0x7F | 0x80}.{process >> 7 & 0x7F}.{2 * (process & 0x7F) + index}"
+
+
+@pytest.fixture
+def grasshopper(aravis: None, address: Callable[[int], str]) -> Iterator[SimulatedGrasshopper]:
+    """One simulated camera, freshly switched on."""
+    with SimulatedGrasshopper(address(0), SERIAL) as camera:
+        yield camera
