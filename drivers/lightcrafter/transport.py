@@ -22,6 +22,10 @@ class Transport(Protocol):
         """Most bytes that one write may carry."""
         ...
 
+    def carries(self, command: Command[Any]) -> bool:
+        """Whether the wire knows the command."""
+        ...
+
     def open(self) -> None:
         """Raises DeviceNotFoundError, DeviceBusyError, DevicePermissionError, DeviceUnavailableError."""
         ...

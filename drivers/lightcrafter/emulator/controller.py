@@ -1,0 +1,344 @@
+"""The controller's state and what each command does to it.
+
+It is stricter than the real one where that helps: what the real one ignores or shows wrongly is refused, or shows in
+the hardware status.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.errors import ProtocolError
+from drivers.lightcrafter import commands as c
+from drivers.lightcrafter.commands import BY_USB, READ, WRITE, Command
+from drivers.lightcrafter.emulator.faults import EmulatedFaults
+from drivers.lightcrafter.emulator.flash import EmulatedFlash
+from drivers.lightcrafter.emulator.player import Exposure, OnPulse, Player, exposures_of
+from drivers.lightcrafter.emulator.validation import validate
+from drivers.lightcrafter.values import (
+    Currents,
+    HardwareStatus,
+    InternalColour,
+    LedEnable,
+    LutControl,
+    LutEntry,
+    Mailbox,
+    MainStatus,
+    Mode,
+    PatternSource,
+    Power,
+    Release,
+    Run,
+    Source,
+    Timing,
+    TriggerMode,
+    Validation,
+    Versions,
+)
+
+TICKS_PER_MS = 18667
+"""Unit of the image load time."""
+_DEFAULTS: Mapping[Command[Any], Any] = {
+    c.DISPLAY_MODE: Mode.VIDEO,
+    c.INPUT_SOURCE: Source.PARALLEL,
+    c.TEST_PATTERN: 0,
+    c.TEST_COLOUR: InternalColour(1023, 1023, 1023, 0, 0, 0),
+    c.GAMMA: 0x80,
+    c.STILL_IMAGE: 0,
+    c.FLIP_LONG: 0,
+    c.FLIP_SHORT: 0,
+    c.LED_ENABLE: LedEnable.SEQUENCER,
+    c.LED_POLARITY: 0,
+    c.LED_CURRENT: Currents(0x68, 0x87, 0x82),
+    c.PATTERN_SOURCE: PatternSource.FLASH,
+    c.TRIGGER_MODE: TriggerMode.INTERNAL,
+    c.TIMING: Timing(8333, 8333),
+    c.LUT_CONTROL: LutControl(1, True, 1, 1),
+    c.MAILBOX_OFFSET: 0,
+    c.MAILBOX_SELECT: Mailbox.CLOSED,
+}
+_INVALIDATING = (c.DISPLAY_MODE, c.PATTERN_SOURCE, c.TRIGGER_MODE, c.TIMING, c.LUT_CONTROL)
+_IN_STANDBY = (c.POWER, c.VERSION, c.HARDWARE_STATUS, c.MAIN_STATUS)
+
+
+class RefusedError(Exception):
+    """The controller does not accept the command."""
+
+
+class SilentError(Exception):
+    """The controller does not answer."""
+
+
+class EmulatedController:
+    """One DLPC350 with its LEDs inverted as on the EVM.
+
+    on_pulse: called at each pulse of the trigger output, from the thread of the sequence, or from ``step``.
+    realtime: sequences run by themselves; else ``step`` shows one pattern after the other. two_image_quirk: two entries
+    of the image LUT are read in exchanged order.
+    """
+
+    def __init__(
+        self,
+        flash: EmulatedFlash,
+        *,
+        on_pulse: OnPulse | None = None,
+        realtime: bool = True,
+        standby: bool = False,
+        version: Release = Release(4, 4, 0),  # noqa: B008  (immutable)
+        two_image_quirk: bool = True,
+        validation_s: float = 0.03,
+        wake_s: float = 0.2,
+    ) -> None:
+        self.faults = EmulatedFaults()
+        self.flash = flash
+        self.pulses_sent = 0
+        self._on_pulse = on_pulse
+        self._realtime = realtime
+        self._version = version
+        self._quirk = two_image_quirk
+        self._validation_s, self._wake_s = validation_s, wake_s
+        self._lock = threading.RLock()
+        self._plugged = True
+        self._on_unplug: list[Callable[[], None]] = []
+        self._player: Player | None = None
+        self._power_up(Power.STANDBY if standby else Power.NORMAL)
+
+    def _power_up(self, power: Power) -> None:
+        self._power = power
+        self._awake_at = 0.0
+        self._values: dict[Command[Any], Any] = dict(_DEFAULTS)
+        self._entries: dict[int, LutEntry] = {}
+        self._indexes: dict[int, int] = {}
+        self._run = Run.STOP
+        self._status = HardwareStatus.INITIALISED
+        self._validation = Validation.PATTERN_INVALID
+        self._validated_at = 0.0
+        self._valid = False
+        self._load_range = (0, 0)
+        self._left: list[Exposure] = []
+        self._showing: Exposure | None = None
+
+    @property
+    def plugged(self) -> bool:
+        return self._plugged
+
+    @property
+    def running(self) -> bool:
+        return self._run is Run.START
+
+    def on_unplug(self, listener: Callable[[], None]) -> None:
+        """Call ``listener`` when the controller loses its power."""
+        self._on_unplug.append(listener)
+
+    def unplug(self) -> None:
+        """Lose the power: dark, no answer, every register forgotten."""
+        self._halt()
+        with self._lock:
+            self._plugged = False
+            self._power_up(Power.NORMAL)
+        for listener in self._on_unplug:
+            listener()
+
+    def plug(self) -> None:
+        self._plugged = True
+
+    def handle(self, code: int, payload: bytes | None) -> bytes:
+        """Carry out one command; a read where ``payload`` is None. Raises RefusedError and SilentError."""
+        if self.faults.delay_s:
+            time.sleep(self.faults.delay_s)
+        command = BY_USB.get((code, READ if payload is None else WRITE))
+        if not self._plugged or time.monotonic() < self._awake_at or (command and command.name in self.faults.silent):
+            raise SilentError
+        if command is None or command.name in self.faults.refused:
+            raise RefusedError
+        if self._power is Power.STANDBY and command not in _IN_STANDBY:
+            raise RefusedError
+        if command is c.RUN and payload is not None:
+            return self._set_run(_decoded(command, payload))
+        with self._lock:
+            if payload is None:
+                return command.encode(self._read(command))
+            self._write(command, payload)
+            return b""
+
+    def _read(self, command: Command[Any]) -> Any:
+        if command is c.VERSION:
+            return Versions(self._version, Release(3, 1, 0), Release(2, 0, 0), Release(1, 0, 0))
+        if command is c.FIRMWARE_TAG:
+            return "emulated"
+        if command is c.FLASH_IMAGES:
+            return len(self.flash)
+        if command is c.HARDWARE_STATUS:
+            return HardwareStatus(self._status | self.faults.hardware)
+        if command is c.MAIN_STATUS:
+            return MainStatus.PARKED * (self._power is Power.STANDBY) | MainStatus.RUNNING * self.running
+        if command is c.POWER:
+            return self._power
+        if command is c.RUN:
+            return self._run
+        if command is c.VALIDATE:
+            busy = self.faults.stuck_validation or time.monotonic() < self._validated_at
+            return Validation.BUSY if busy else self._validation
+        if command is c.IMAGE_LOAD_TIME:
+            first, count = self._load_range
+            return round(sum(1e-3 * self.flash.load_us(first + k) for k in range(count)) * TICKS_PER_MS)
+        if command is c.LED_CURRENT and self.faults.wrong_currents:
+            return Currents(1, 2, 3)
+        if command not in self._values:
+            raise RefusedError
+        return self._values[command]
+
+    def _write(self, command: Command[Any], payload: bytes) -> None:
+        if command is c.PATTERN_ENTRIES:
+            self._fill_mailbox(payload)
+            return
+        value = _decoded(command, payload)
+        if command is c.POWER:
+            self._set_power(value)
+        elif command is c.VALIDATE:
+            self._validate()
+        elif command is c.IMAGE_LOAD_RANGE:
+            first, count = value
+            if first + count > len(self.flash):
+                raise RefusedError
+            self._load_range = (first, count)
+        else:
+            if self.running and command in _INVALIDATING:
+                raise RefusedError
+            if command is c.DISPLAY_MODE and self.faults.stuck_mode:
+                return
+            self._values[command] = value
+            if command in _INVALIDATING:
+                self._forget_luts()
+
+    def _set_power(self, power: Power) -> None:
+        if power is Power.NORMAL and self._power is Power.STANDBY:
+            self._power_up(Power.NORMAL)
+            self._awake_at = time.monotonic() + self._wake_s
+            raise SilentError
+        self._power = power
+
+    def _forget_luts(self) -> None:
+        self._entries.clear()
+        self._indexes.clear()
+        self._valid = False
+
+    def _fill_mailbox(self, payload: bytes) -> None:
+        box, offset = self._values[c.MAILBOX_SELECT], self._values[c.MAILBOX_OFFSET]
+        if box is Mailbox.CLOSED or self.running:
+            raise RefusedError
+        if box is Mailbox.PATTERNS:
+            for k, entry in enumerate(_decoded(c.PATTERN_ENTRIES, payload)):
+                self._entries[offset + k] = entry
+        else:
+            for k, index in enumerate(_decoded(c.IMAGE_INDEXES, payload)):
+                self._indexes[offset + k] = index
+        self._valid = False
+
+    def _luts(self) -> tuple[tuple[LutEntry, ...], tuple[int, ...]]:
+        control = self._values[c.LUT_CONTROL]
+        entries = tuple(self._entries[k] for k in range(control.entries) if k in self._entries)
+        images = tuple(self._indexes[k] for k in range(control.images) if k in self._indexes)
+        return entries, images[::-1] if self._quirk and control.images == 2 else images
+
+    def _validate(self) -> None:
+        entries, images = self._luts()
+        found = validate(entries, images, self._values[c.TIMING], self._values[c.LUT_CONTROL], len(self.flash))
+        self._validation = found | Validation(self.faults.validation)
+        errors = self._validation & (Validation.EXPOSURE_INVALID | Validation.PATTERN_INVALID)
+        self._valid = not errors and self._values[c.MAILBOX_SELECT] is Mailbox.CLOSED
+        self._validated_at = time.monotonic() + self._validation_s
+
+    def _set_run(self, run: Run) -> bytes:
+        if run is not Run.START:
+            self._halt()
+            with self._lock:
+                self._run = run
+                if run is Run.STOP:
+                    self._forget_luts()
+            return b""
+        with self._lock:
+            if self.faults.deaf_starts:
+                self.faults.deaf_starts -= 1
+            elif not self.running:
+                self._start()
+            return b""
+
+    def _start(self) -> None:
+        busy = time.monotonic() < self._validated_at
+        if self._values[c.DISPLAY_MODE] is not Mode.PATTERN or not self._valid or busy:
+            self._status |= HardwareStatus.SEQUENCE_ERROR
+            return
+        timing, control = self._values[c.TIMING], self._values[c.LUT_CONTROL]
+        self._status = HardwareStatus.INITIALISED
+        exposures = exposures_of(*self._luts(), timing, self.flash)
+        self._run = Run.START
+        if self._realtime:
+            self._player = Player(exposures, timing, control, self._pulse, self._end)
+            self._player.start()
+        else:
+            self._left = list(exposures)
+
+    def step(self) -> Exposure | None:
+        """Show the next pattern, without real time; None where the sequence has ended."""
+        if not self._left:
+            return None
+        exposure = self._left.pop(0)
+        self._pulse(exposure)
+        if not self._left:
+            self._end()
+        return exposure
+
+    def _pulse(self, exposure: Exposure) -> None:
+        self._showing = exposure
+        self.pulses_sent += 1
+        if self._on_pulse is not None:
+            self._on_pulse(exposure)
+
+    def _end(self) -> None:
+        with self._lock:
+            self._run = Run.STOP
+            self._showing = None
+            self._forget_luts()
+
+    def _halt(self) -> None:
+        """Outside the lock, which the thread of the sequence may want."""
+        player, self._player = self._player, None
+        if player is not None:
+            player.halt()
+        self._left = []
+        self._showing = None
+
+    def light(self) -> npt.NDArray[np.float64]:
+        """What the projector emits now: (rows, columns, 3) red, green, blue, 0..255."""
+        rows, columns = self.flash.image(0).shape[:2]
+        drive = np.asarray(self._values[c.LED_CURRENT], np.float64) / 255
+        drive = drive if self._values[c.LED_POLARITY] else 1 - drive
+        dark = np.zeros((rows, columns, 3))
+        if self._power is Power.STANDBY or not self._plugged:
+            return dark
+        if self._values[c.DISPLAY_MODE] is Mode.PATTERN:
+            exposure = self._showing
+            if exposure is None:
+                return dark
+            chosen = np.array([bool(int(exposure.entry.leds) >> k & 1) for k in range(3)], np.float64)
+            return exposure.levels[..., None] * (chosen * drive)
+        if self._values[c.INPUT_SOURCE] is Source.TEST_PATTERN:
+            return dark + np.asarray(self._values[c.TEST_COLOUR][:3]) / 1023 * 255 * drive
+        if self._values[c.INPUT_SOURCE] is Source.FLASH:
+            green, red, blue = np.moveaxis(self.flash.image(self._values[c.STILL_IMAGE]).astype(np.float64), -1, 0)
+            return np.stack([red, green, blue], axis=-1) * drive
+        return dark
+
+
+def _decoded(command: Command[Any], payload: bytes) -> Any:
+    try:
+        return command.decode(payload)
+    except ProtocolError as error:
+        raise RefusedError from error

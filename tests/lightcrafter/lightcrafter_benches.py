@@ -1,0 +1,61 @@
+"""Emulated controllers on the benches of the tests, over real pyusb and real pyserial."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from drivers.lightcrafter.bridges import BusPirate, UsbIss
+from drivers.lightcrafter.emulator.bench import emulated_controller
+from drivers.lightcrafter.emulator.controller import EmulatedController
+from drivers.lightcrafter.emulator.i2c_device import EmulatedBusPirate, EmulatedUsbIss, I2cSlave
+from drivers.lightcrafter.emulator.serial_port import EmulatedSerialPort
+from drivers.lightcrafter.emulator.usb_device import EmulatedUsb
+from drivers.lightcrafter.manifest import FlashManifest
+from drivers.lightcrafter.projector import LightCrafter
+from drivers.lightcrafter.serial import SerialTransport
+from drivers.lightcrafter.settings import LightCrafterConfiguration
+from drivers.lightcrafter.transport import Transport
+from drivers.lightcrafter.usb import UsbTransport
+from models.patterns import FringeParameters, Raster, make_plan
+
+PARAMETERS = FringeParameters(exposure_us=8333.0)
+PLAN = make_plan("full", PARAMETERS)
+MANIFEST = FlashManifest.packed(PLAN)
+SMALL = Raster(40, 24, "diamond")
+"""Mirrors of an emulated controller that is made often."""
+BRIDGES = {"usb-iss": (UsbIss, EmulatedUsbIss), "bus-pirate": (BusPirate, EmulatedBusPirate)}
+
+
+def quick(**settings: Any) -> LightCrafterConfiguration:
+    """Settings that wait as little as an emulated controller allows."""
+    defaults = {"pacing_s": 0.002, "validate_first_s": 0.0, "image_load_us": 12_000.0, "settle_s": 1.0, "wake_s": 0.05}
+    return LightCrafterConfiguration(**{**defaults, "timeout_s": 0.4, **settings})
+
+
+def controller(**settings: Any) -> EmulatedController:
+    return emulated_controller(MANIFEST, SMALL, **{"validation_s": 0.005, "wake_s": 0.1, **settings})
+
+
+def usb_transport(device: EmulatedController, timeout_s: float = 0.4) -> tuple[UsbTransport, EmulatedUsb]:
+    backend = EmulatedUsb(device)
+    return UsbTransport(timeout_s=timeout_s, backend=backend), backend
+
+
+def usb_projector(device: EmulatedController, manifest: FlashManifest = MANIFEST, **settings: Any) -> LightCrafter:
+    return LightCrafter(usb_transport(device)[0], manifest, quick(**settings))
+
+
+@contextmanager
+def serial_port(
+    device: EmulatedController, bridge: str, folder: Path
+) -> Iterator[tuple[Transport, EmulatedSerialPort]]:
+    """A transport on a port of its own, not yet open, and the port."""
+    ours, theirs = BRIDGES[bridge]
+    port = EmulatedSerialPort(theirs(I2cSlave(device)), folder / "tty")
+    try:
+        yield SerialTransport(str(port.path), ours(), timeout_s=0.2, pacing_s=0.0), port
+    finally:
+        port.unplug()
