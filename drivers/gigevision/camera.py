@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping
 
 from drivers.gigevision.faults import TriggerFaults
-from drivers.gigevision.pictures import ImageMaker, as_pixels, moving_ramp
+from drivers.gigevision.pictures import ImageMaker, as_pixels, numbered_ramp
 from drivers.gigevision.protocol import PIXEL_FORMATS, TEST_PACKET_FLAG, Bootstrap, probe_packet
 from drivers.gigevision.registers import Registers
 from drivers.gigevision.sensor import Exposure, Sensor
@@ -146,7 +146,7 @@ class CameraBody:
 
         def make_pixels() -> bytes:
             asked = (exposure.index, exposure.exposure_us, exposure.gain_db)
-            image = moving_ramp(*asked, roi[:2]) if maker is None else maker(*asked)
+            image = numbered_ramp(*asked, roi[:2]) if maker is None else maker(*asked)
             return as_pixels(image, roi, pixel_format)
 
         parcel = Parcel(

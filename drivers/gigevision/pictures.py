@@ -17,16 +17,30 @@ Of the size that the camera delivers, or of the whole sensor: then the region of
 """
 _STEP = 8
 _BRIGHT_US = 10_000.0
+_NUMBER_ROWS, _NUMBER_BITS = 8, 16
 
 
-def moving_ramp(index: int, exposure_us: float, gain_db: float, size: tuple[int, int]) -> Image:
-    """A ramp along both axes that moves ``_STEP`` grey levels an index; saturates. size: width, height px."""
+def numbered_ramp(index: int, exposure_us: float, gain_db: float, size: tuple[int, int]) -> Image:
+    """A ramp along both axes that moves ``_STEP`` grey levels an index and saturates, uint8.
+
+    Its topmost rows bear the index, which ``number_on`` reads. size: width, height px, at least 16x8.
+    """
     width, height = size
     ramp = np.add.outer(np.arange(height), np.arange(width) + _STEP * index).astype(np.uint8)
     bright = min(exposure_us / _BRIGHT_US, 100.0) * 10 ** (gain_db / 20)
     levels = np.minimum(np.arange(256) * bright, 255).astype(np.uint8)
     seen: Image = levels[ramp]
+    bits = index >> np.arange(_NUMBER_BITS) & 1
+    seen[:_NUMBER_ROWS] = (255 * bits[np.arange(width) * _NUMBER_BITS // width]).astype(np.uint8)
     return seen
+
+
+def number_on(image: Image) -> int:
+    """The index that a numbered ramp bears, modulo 65,536."""
+    width = image.shape[1]
+    middles = (2 * np.arange(_NUMBER_BITS) + 1) * width // (2 * _NUMBER_BITS)
+    lit = image[_NUMBER_ROWS // 2, middles] > 0
+    return int((lit << np.arange(_NUMBER_BITS)).sum())
 
 
 def as_pixels(image: Image, roi: tuple[int, int, int, int], pixel_format: int) -> bytes:

@@ -22,7 +22,10 @@ _WRITABLE = (
 
 
 class Registers:
-    """Not safe against threads. on_read: makes a feature's value up when asked. on_write: told after each write."""
+    """Not safe against threads. on_read: makes a feature's value up when asked. on_write: told after each write.
+
+    stuck: features that take a write and do not hold it.
+    """
 
     def __init__(
         self,
@@ -41,6 +44,7 @@ class Registers:
 
     def reset(self) -> None:
         """As after switching on."""
+        self.stuck: set[str] = set()
         self.values: dict[str, float] = {feature.name: _default(feature) for feature in FEATURES}
         self._bootstrap = bytearray(0x1000)
         for address, content in self._identity.items():
@@ -97,7 +101,7 @@ class Registers:
             return Status.INVALID_PARAMETER
         if feature.kind == "float":
             value = min(max(feature.step * round(value / feature.step), feature.minimum), feature.maximum)
-        if feature.kind != "command":
+        if feature.kind != "command" and feature.name not in self.stuck:
             self.values[feature.name] = value
         self._on_write(feature.name)
         return Status.SUCCESS

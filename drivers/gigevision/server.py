@@ -35,7 +35,7 @@ _Peer = tuple[str, int]
 class SimulatedGrasshopper:
     """A camera at ``address`` (127.x.y.z), from construction until ``close``; also a context manager.
 
-    image: what it sees, a moving ramp where None. The control port is fixed by GigE Vision, so each needs its own
+    image: what it sees, a numbered ramp where None. The control port is fixed by GigE Vision, so each needs its own
     address; OSError where that is taken. ``pulse`` is its trigger input.
     """
 
@@ -87,6 +87,11 @@ class SimulatedGrasshopper:
         """Change a register behind the controller's back."""
         with self._body.lock:
             self._body.registers.values[name] = value
+
+    def stick(self, name: str) -> None:
+        """From now on a feature takes what is written and keeps what it holds, until switched on again."""
+        with self._body.lock:
+            self._body.registers.stuck.add(name)
 
     def unplug(self) -> None:
         """Answer nothing and send nothing until ``plug``."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
@@ -37,3 +38,9 @@ def grasshopper(aravis: None, address: Callable[[int], str]) -> Iterator[Simulat
     """One simulated camera, freshly switched on."""
     with SimulatedGrasshopper(address(0), SERIAL) as camera:
         yield camera
+
+
+@pytest.fixture
+def open_files() -> Callable[[], int]:
+    """Counts this process's open files."""
+    return lambda: len(list(Path("/proc/self/fd").iterdir()))
