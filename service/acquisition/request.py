@@ -26,6 +26,7 @@ class CaptureOptions(BaseModel):
         gt=0,
         le=10_000_000,
         allow_inf_nan=False,
+        strict=True,
         description="Exposure of cameras and patterns for this capture alone, microseconds; by default the cameras'.",
     )
     object_id: str | None = Field(
@@ -55,7 +56,12 @@ class AssistRequest(BaseModel):
         0.85, gt=0.1, lt=0.98, description="Reading of the brightest lit pixels, share of full scale."
     )
     longest_exposure_us: float = Field(
-        66_667.0, gt=0, le=1_000_000, allow_inf_nan=False, description="Above this the gain is raised instead."
+        66_667.0,
+        gt=0,
+        le=1_000_000,
+        allow_inf_nan=False,
+        strict=True,
+        description="Above this the gain is raised instead.",
     )
-    largest_gain_db: float = Field(12.0, ge=0, le=48, allow_inf_nan=False)
+    largest_gain_db: float = Field(12.0, ge=0, le=48, allow_inf_nan=False, strict=True)
     apply: bool = Field(True, description="Keep the settings found; otherwise only report them.")

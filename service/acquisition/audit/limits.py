@@ -53,5 +53,7 @@ class AuditLimits(BaseModel):
     """Standard deviation along a row from which a stretch of a single composite has fringes."""
     little_lit: float = Field(0.03, ge=0, le=1)
     """A single composite of which less than this share is lit cannot be told from a wrong one and is only warned of."""
+    narrow: int = Field(320, ge=0)
+    """Width, px, of a view below which a single composite is only warned of: an object's edges fill most stretches."""
     two_carriers: float = Field(0.25, gt=0, lt=1)
     """Share of fringed stretches of a single composite that must show both carriers."""

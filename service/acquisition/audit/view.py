@@ -280,10 +280,11 @@ def _audit_composite(
         del view.statistics["unproven"][name]
     elif not enough and len(plan) == 1 and brightest < 3 * limits.least_light:
         view.dark = True
-    elif lit.mean() < limits.little_lit:
-        view.statistics["unproven"][name] = "too little of the view is lit"
+    elif lit.mean() < limits.little_lit or (enough and levels.shape[-1] < limits.narrow):
+        seen = "of the view is lit" if lit.mean() < limits.little_lit else f"of {levels.shape[-1]} px width is lit"
+        view.statistics["unproven"][name] = "too little is seen of it"
         message = (
-            f"{view.device}: only {100 * lit.mean():.1f} % of the view is lit, too little to tell whether exposure "
+            f"{view.device}: {100 * lit.mean():.1f} % {seen}, too little to tell whether exposure "
             f"{place} ({name}) shows both carriers; bring the object closer or check the points"
         )
         view.findings.append(Finding(Fault.MODULATION, view.device, message, place, name, fatal=False))
