@@ -80,7 +80,7 @@ class EmulatedController:
 
     on_pulse: called at each pulse of the trigger output, from the thread of the sequence, or from ``step``.
     realtime: sequences run by themselves; else ``step`` shows one pattern after the other. two_image_quirk: two entries
-    of the image LUT are read in exchanged order.
+    of the image LUT are read in exchanged order. entries, indexes: the pattern and the image LUT, as they were sent.
     """
 
     def __init__(
@@ -113,8 +113,8 @@ class EmulatedController:
         self._power = power
         self._awake_at = 0.0
         self._values: dict[Command[Any], Any] = dict(_DEFAULTS)
-        self._entries: dict[int, LutEntry] = {}
-        self._indexes: dict[int, int] = {}
+        self.entries: dict[int, LutEntry] = {}
+        self.indexes: dict[int, int] = {}
         self._run = Run.STOP
         self._status = HardwareStatus.INITIALISED
         self._validation = Validation.PATTERN_INVALID
@@ -225,8 +225,8 @@ class EmulatedController:
         self._power = power
 
     def _forget_luts(self) -> None:
-        self._entries.clear()
-        self._indexes.clear()
+        self.entries.clear()
+        self.indexes.clear()
         self._valid = False
 
     def _fill_mailbox(self, payload: bytes) -> None:
@@ -235,16 +235,16 @@ class EmulatedController:
             raise RefusedError
         if box is Mailbox.PATTERNS:
             for k, entry in enumerate(_decoded(c.PATTERN_ENTRIES, payload)):
-                self._entries[offset + k] = entry
+                self.entries[offset + k] = entry
         else:
             for k, index in enumerate(_decoded(c.IMAGE_INDEXES, payload)):
-                self._indexes[offset + k] = index
+                self.indexes[offset + k] = index
         self._valid = False
 
     def _luts(self) -> tuple[tuple[LutEntry, ...], tuple[int, ...]]:
         control = self._values[c.LUT_CONTROL]
-        entries = tuple(self._entries[k] for k in range(control.entries) if k in self._entries)
-        images = tuple(self._indexes[k] for k in range(control.images) if k in self._indexes)
+        entries = tuple(self.entries[k] for k in range(control.entries) if k in self.entries)
+        images = tuple(self.indexes[k] for k in range(control.images) if k in self.indexes)
         return entries, images[::-1] if self._quirk and control.images == 2 else images
 
     def _validate(self) -> None:

@@ -79,7 +79,7 @@ class EmulatedUsbIss:
         if len(data) == 2 and data[0] == 0x58:
             return bytes([self._slave.answers(data[1])])
         if len(data) >= 4 and data[0] == 0x55:
-            return self._transfer(*data[1:4], data[4:])
+            return self._transfer(data[1], data[2], data[3], data[4:])
         return b""
 
     def _transfer(self, address: int, register: int, size: int, payload: bytes) -> bytes:
@@ -93,9 +93,9 @@ class EmulatedUsbIss:
 
 
 class EmulatedBusPirate:
-    """A Bus Pirate v3. It takes a few zeros before it enters its binary mode, as after a terminal was open."""
+    """A Bus Pirate v3. zeros: how many it takes to enter its binary mode; more than one after a terminal was open."""
 
-    def __init__(self, slave: I2cSlave, *, zeros: int = 3) -> None:
+    def __init__(self, slave: I2cSlave, *, zeros: int = 1) -> None:
         self._slave = slave
         self._zeros_wanted = zeros
         self._zeros = 0

@@ -24,13 +24,15 @@ _REPLY_FLAGS = 0xC0
 
 
 class EmulatedUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no types
-    """A backend of pyusb with one controller on its bus.
+    """A backend of pyusb with a controller on its bus.
 
+    ports: where it is attached; several places look like several controllers.
     denied: the account may not open it. held: another program has claimed it. kernel_driver: of the system, on
     interface 0. resets: how often anybody reset the device, which nobody should.
+    last_sequence: number of the last message.
     """
 
-    def __init__(self, controller: EmulatedController, *, ports: tuple[int, ...] = (2,)) -> None:
+    def __init__(self, controller: EmulatedController, *, ports: tuple[tuple[int, ...], ...] = ((2,),)) -> None:
         self._controller = controller
         self._ports = ports
         self._ready = threading.Condition()
@@ -41,6 +43,7 @@ class EmulatedUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no t
         self.kernel_driver = True
         self.resets = 0
         self.claimed = False
+        self.last_sequence = 0
         controller.on_unplug(self._forget)
 
     def _forget(self) -> None:
@@ -55,11 +58,11 @@ class EmulatedUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no t
         with self._ready:
             self._reports.append(report.ljust(REPORT_BYTES, b"\0"))
 
-    def enumerate_devices(self) -> Iterator[str]:
+    def enumerate_devices(self) -> Iterator[tuple[int, ...]]:
         if self._controller.plugged:
-            yield "controller"
+            yield from self._ports
 
-    def get_device_descriptor(self, dev: str) -> SimpleNamespace:
+    def get_device_descriptor(self, dev: tuple[int, ...]) -> SimpleNamespace:
         return SimpleNamespace(
             bLength=18,
             bDescriptorType=1,
@@ -77,12 +80,12 @@ class EmulatedUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no t
             bNumConfigurations=1,
             address=7,
             bus=1,
-            port_number=self._ports[-1],
-            port_numbers=self._ports,
+            port_number=dev[-1],
+            port_numbers=dev,
             speed=2,
         )
 
-    def get_configuration_descriptor(self, dev: str, config: int) -> SimpleNamespace:
+    def get_configuration_descriptor(self, dev: tuple[int, ...], config: int) -> SimpleNamespace:
         if config:
             raise IndexError(config)
         return SimpleNamespace(
@@ -97,7 +100,7 @@ class EmulatedUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no t
             extra_descriptors=[],
         )
 
-    def get_interface_descriptor(self, dev: str, intf: int, alt: int, config: int) -> SimpleNamespace:
+    def get_interface_descriptor(self, dev: tuple[int, ...], intf: int, alt: int, config: int) -> SimpleNamespace:
         if alt or intf > 1:
             raise IndexError(intf)
         return SimpleNamespace(
@@ -113,7 +116,9 @@ class EmulatedUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no t
             extra_descriptors=[],
         )
 
-    def get_endpoint_descriptor(self, dev: str, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
+    def get_endpoint_descriptor(
+        self, dev: tuple[int, ...], ep: int, intf: int, alt: int, config: int
+    ) -> SimpleNamespace:
         return SimpleNamespace(
             bLength=7,
             bDescriptorType=5,
@@ -126,7 +131,7 @@ class EmulatedUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no t
             extra_descriptors=[],
         )
 
-    def open_device(self, dev: str) -> SimpleNamespace:
+    def open_device(self, dev: tuple[int, ...]) -> SimpleNamespace:
         self._be_there()
         if self.denied:
             raise usb.core.USBError("Access denied (insufficient permissions)", -3, errno.EACCES)
@@ -175,6 +180,7 @@ class EmulatedUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no t
         return len(data)
 
     def _answer(self, request: Request) -> None:
+        self.last_sequence = request.sequence
         try:
             data = self._controller.handle(request.code, None if request.read else request.payload)
             reply = Reply(request.sequence, data)
