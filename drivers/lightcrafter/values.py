@@ -44,11 +44,13 @@ class Validation(IntFlag):
     BUSY = 0x80
 
 
-WORDS: dict[IntFlag, str] = {
+_HARDWARE_WORDS = {
     HardwareStatus.DMD_RESET_ERROR: "the DMD reset controller failed",
     HardwareStatus.FORCED_SWAP_ERROR: "a buffer swap was forced too early",
     HardwareStatus.SEQUENCE_ABORTED: "the sequencer aborted",
     HardwareStatus.SEQUENCE_ERROR: "the sequencer met an error",
+}
+_VALIDATION_WORDS = {
     Validation.EXPOSURE_INVALID: "the exposure or the period is out of range",
     Validation.PATTERN_INVALID: "a pattern number is out of range for its bit depth",
     Validation.TRIGGER_CONTINUOUS: "the trigger output stays high between patterns",
@@ -59,7 +61,9 @@ WORDS: dict[IntFlag, str] = {
 
 def words(status: HardwareStatus | Validation) -> str:
     """The set bits in words, "; " between them; empty where none has any."""
-    return "; ".join(text for bit, text in WORDS.items() if type(bit) is type(status) and bit in status)
+    if isinstance(status, HardwareStatus):
+        return "; ".join(text for bit, text in _HARDWARE_WORDS.items() if bit in status)
+    return "; ".join(text for bit, text in _VALIDATION_WORDS.items() if bit in status)
 
 
 class Run(IntEnum):

@@ -31,7 +31,7 @@ BRIDGES = {"usb-iss": (UsbIss, EmulatedUsbIss), "bus-pirate": (BusPirate, Emulat
 
 def quick(**settings: Any) -> LightCrafterConfiguration:
     """Settings that wait as little as an emulated controller allows."""
-    defaults = {"pacing_s": 0.002, "validate_first_s": 0.0, "image_load_us": 12_000.0, "settle_s": 1.0, "wake_s": 0.05}
+    defaults = {"pacing_s": 0.002, "validate_first_s": 0.0, "image_load_us": 40_000.0, "settle_s": 1.0, "wake_s": 0.05}
     return LightCrafterConfiguration(**{**defaults, "timeout_s": 0.4, **settings})
 
 

@@ -186,3 +186,4 @@ def test_status_words_name_what_is_set() -> None:
         "the exposure or the period is out of range; the dark time after each pattern is below 230 us"
     )
     assert words(HardwareStatus.INITIALISED) == ""
+    assert words(HardwareStatus.DMD_RESET_ERROR) == "the DMD reset controller failed"
