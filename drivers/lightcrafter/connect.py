@@ -12,6 +12,9 @@ from drivers.lightcrafter.settings import LightCrafterConfiguration
 from drivers.lightcrafter.transport import Transport
 from drivers.lightcrafter.usb import UsbTransport
 
+_BRIDGE_S = 0.5
+"""Longest time that a bridge takes to answer."""
+
 
 def make_transport(configuration: LightCrafterConfiguration) -> Transport:
     """The way to the controller that the settings name, not yet open."""
@@ -20,7 +23,11 @@ def make_transport(configuration: LightCrafterConfiguration) -> Transport:
     bridge: Bridge = UsbIss() if configuration.connection == "usb-iss" else BusPirate(pull_ups=configuration.pull_ups)
     assert configuration.port is not None  # the settings see to it
     return SerialTransport(
-        configuration.port, bridge, address=configuration.i2c_address, timeout_s=configuration.timeout_s
+        configuration.port,
+        bridge,
+        address=configuration.i2c_address,
+        timeout_s=min(_BRIDGE_S, configuration.timeout_s),
+        pacing_s=configuration.pacing_s,
     )
 
 

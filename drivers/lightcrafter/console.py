@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from typing import TypeVar
@@ -34,6 +35,7 @@ from drivers.lightcrafter.values import (
     words,
 )
 
+_LOG = logging.getLogger(__name__)
 T = TypeVar("T")
 OLDEST_FIRMWARE = Release(3, 0, 0)
 """Older firmware takes numbers over I2C in another byte order and loses LUT entries."""
@@ -42,6 +44,8 @@ _UNKNOWN_LOAD_US = 200_000.0
 """Of an image that is not compressed."""
 _REOPEN_S = 15.0
 _FULL = 1023
+_LED_OF_CHANNEL = (1, 0, 2)
+"""Red, green, blue LED (0, 1, 2) of the green, red, blue byte of an image."""
 
 
 class Console:
@@ -113,43 +117,53 @@ class Console:
         self.write(c.DISPLAY_MODE, mode)
         self._reach(lambda: self.read(c.DISPLAY_MODE) is mode, f"does not enter its {mode.name.lower()} mode")
 
-    def set_leds(self, brightness: float) -> float:
+    def set_leds(self, brightness: float, only: int | None = None) -> float:
         """Drive the LEDs with a share of their limits; returns the share that reads back.
 
-        Raises DeviceConfigurationError where another one does.
+        only: which of green, red, blue (0, 1, 2) is driven while the others stay dark; None drives all. Raises
+        DeviceConfigurationError where the currents read back otherwise.
         """
+        lit = (0, 1, 2) if only is None else (_LED_OF_CHANNEL[only],)
         limits = self._configuration.led_limits
-        currents = Currents._make(self._drive(round(brightness * limit)) for limit in limits)
+        shares = (round(brightness * limit) if led in lit else 0 for led, limit in enumerate(limits))
+        currents = Currents._make(map(self._drive, shares))
         self.write(c.LED_POLARITY, self._configuration.led_polarity)
         self.write(c.LED_ENABLE, LedEnable.SEQUENCER)
         self.write(c.LED_CURRENT, currents)
         got = self.read(c.LED_CURRENT)
         if got != currents:
             raise DeviceConfigurationError(NAME, "LED current", tuple(currents), f"it reads back as {tuple(got)}")
-        largest = max(range(3), key=limits.__getitem__)
-        return self._drive(got[largest]) / limits[largest]
-
-    def only_led(self, channel: int, brightness: float) -> None:
-        """Drive one of green, red, blue (0, 1, 2) and no other."""
-        lit = (1, 0, 2)[channel]
-        limits = self._configuration.led_limits
-        shares = [round(brightness * limit) if led == lit else 0 for led, limit in enumerate(limits)]
-        self.write(c.LED_CURRENT, Currents._make(map(self._drive, shares)))
+        finest = max(lit, key=limits.__getitem__)
+        return self._drive(got[finest]) / limits[finest]
 
     def _drive(self, value: int) -> int:
         """Byte on the wire of a drive 0..255, and back."""
         return 255 - value if self._configuration.led_inverted else value
 
     def load_us(self, image: int) -> float:
-        """How long a flash image takes to come into the buffer, as it is set, or as the controller measures it."""
+        """How long a flash image takes to come into the buffer, as it is set, or as the controller measures it.
+
+        Measures only while nothing is shown.
+        """
         if self._configuration.image_load_us is not None:
             return self._configuration.image_load_us
+        if image not in self._loads_us:
+            self._loads_us[image] = self._measured_load_us(image)
+        return self._loads_us[image]
+
+    def _measured_load_us(self, image: int) -> float:
+        """The longest that is known of any image where the controller does not tell."""
         if not self._transport.carries(c.IMAGE_LOAD_TIME):
             return _UNKNOWN_LOAD_US
-        if image not in self._loads_us:
+        try:
             self.write(c.IMAGE_LOAD_RANGE, ImageRange(image, 1))
-            self._loads_us[image] = self.read(c.IMAGE_LOAD_TIME) / _TICKS_PER_US
-        return self._loads_us[image]
+            deadline = time.monotonic() + self._configuration.settle_s
+            while not (ticks := self.read(c.IMAGE_LOAD_TIME)) and time.monotonic() < deadline:
+                time.sleep(self._configuration.pacing_s)
+        except ProtocolError as error:
+            _LOG.warning("%s; taking %g us for the load of each image", error, _UNKNOWN_LOAD_US)
+            return _UNKNOWN_LOAD_US
+        return ticks / _TICKS_PER_US if ticks else _UNKNOWN_LOAD_US
 
     def upload(self, program: Program) -> Validation:
         """Send a sequence and validate it; returns the warnings. The sequence before it must have stopped.

@@ -23,7 +23,7 @@ from drivers.lightcrafter.manifest import FlashManifest, StoredPattern
 from drivers.lightcrafter.sequence import Program, compile_plan, find_stored, hold_program
 from drivers.lightcrafter.settings import LightCrafterConfiguration
 from drivers.lightcrafter.transport import Transport
-from drivers.lightcrafter.values import LedSelect, MainStatus, Mode, words
+from drivers.lightcrafter.values import LedSelect, MainStatus, words
 from drivers.projector import (
     LoadedSequence,
     ProjectorInfo,
@@ -58,6 +58,7 @@ class LightCrafter:
         self._sequence: tuple[Program, LoadedSequence] | None = None
         self._ready = False
         self._brightness = _BRIGHTEST
+        self._only_led: int | None = None
 
     @property
     def name(self) -> str:
@@ -65,13 +66,17 @@ class LightCrafter:
 
     @property
     def state(self) -> ProjectorState:
-        with self._lock:
-            if self._state is ProjectorState.PROJECTING:
-                # a failure has set the state, which is the answer
-                with suppress(DriverError), self._watched():
-                    if MainStatus.RUNNING not in self._console.read(c.MAIN_STATUS):
-                        self._state = ProjectorState.LOADED
-            return self._state
+        if self._state is ProjectorState.PROJECTING:
+            with self._lock:
+                self._look_whether_it_runs()
+        return self._state
+
+    def _look_whether_it_runs(self) -> None:
+        if self._state is ProjectorState.PROJECTING:
+            # a loss has set the state, which is the answer
+            with suppress(DriverError), self._watched():
+                if MainStatus.RUNNING not in self._console.read(c.MAIN_STATUS):
+                    self._state = ProjectorState.LOADED
 
     def open(self) -> ProjectorInfo:
         with self._lock:
@@ -92,6 +97,7 @@ class LightCrafter:
 
     def _make_ready(self) -> ProjectorInfo:
         versions = self._console.wake()
+        self._only_led = None
         self._console.go_dark()
         self._brightness = self._console.set_leds(_BRIGHTEST)
         there = self._console.read(c.FLASH_IMAGES)
@@ -128,7 +134,7 @@ class LightCrafter:
         with self._lock:
             self._require("be configured", *_IDLE)
             with self._watched():
-                self._brightness = self._console.set_leds(settings.brightness)
+                self._brightness = self._console.set_leds(settings.brightness, self._only_led)
             return ProjectorSettings(brightness=self._brightness)
 
     def load(self, plan: PatternPlan, period_us: float) -> LoadedSequence:
@@ -136,9 +142,11 @@ class LightCrafter:
             self._require("load a sequence", *_IDLE)
             info = self.info
             with self._watched():
-                program, loaded = compile_plan(plan, period_us, self._manifest, info, self._console.load_us, self._leds)
+                # refused before anything is touched; loads are measured in the dark
+                compile_plan(plan, period_us, self._manifest, info, lambda _: 0.0)
                 self._end_holding()
                 self._sequence, self._state = None, ProjectorState.OPEN
+                program, loaded = compile_plan(plan, period_us, self._manifest, info, self._console.load_us, self._leds)
                 self._upload(program)
             self._sequence, self._ready = (program, loaded), True
             self._state = ProjectorState.LOADED
@@ -195,10 +203,10 @@ class LightCrafter:
 
         def hold() -> None:
             if kind == "white":
-                self._console.set_leds(self._brightness)
                 self._console.show_still(None)
             elif kind != "black":
-                self._console.only_led(stored.number, self._brightness)
+                self._only_led = stored.number
+                self._console.set_leds(self._brightness, self._only_led)
                 self._console.show_still(stored.image)
 
         return hold
@@ -226,9 +234,9 @@ class LightCrafter:
         if self._state is not ProjectorState.HOLDING:
             return
         self._state = ProjectorState.OPEN
-        video = self._console.read(c.DISPLAY_MODE) is Mode.VIDEO
         self._console.go_dark()
-        if video:
+        if self._only_led is not None:
+            self._only_led = None
             self._console.set_leds(self._brightness)
 
     @contextmanager

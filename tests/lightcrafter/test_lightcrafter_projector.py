@@ -303,6 +303,41 @@ def test_a_held_pattern_in_video_mode_is_the_light_of_one_led(make: Callable[...
     assert projector.configure(ProjectorSettings(brightness=1.0)).brightness == 1.0
 
 
+def test_brightness_of_a_held_still_lights_no_other_led(make: Callable[..., Made]) -> None:
+    projector, device = make(hold="video")
+    projector.open()
+    projector.show(next(p for p in PLAN.patterns if p.name == "high_03"))
+    lit = device.light().max(axis=(0, 1)) > 0
+    assert projector.configure(ProjectorSettings(brightness=0.5)).brightness == pytest.approx(0.5, abs=0.01)
+    assert np.array_equal(device.light().max(axis=(0, 1)) > 0, lit)
+    projector.load(SLOW, 8600.0)
+    assert all(current != 255 for current in device.handle(c.LED_CURRENT.usb, None))
+
+
+def test_a_refused_plan_leaves_the_held_pattern_alone(make: Callable[..., Made]) -> None:
+    projector, device = make()
+    projector.open()
+    projector.show(PLAN.patterns[0])
+    assert wait_until(lambda: bool(device.light().any()))
+    with pytest.raises(SequenceInvalidError):
+        projector.load(PatternPlan(patterns=()), 8600.0)
+    assert projector.state is ProjectorState.HOLDING
+    assert device.light().any()
+
+
+@pytest.mark.parametrize("refused", [True, False])
+def test_a_controller_that_does_not_tell_load_times_is_given_the_longest(
+    make: Callable[..., Made], refused: bool
+) -> None:
+    projector, device = make(image_load_us=None, settle_s=0.05)
+    projector.open()
+    if refused:
+        device.faults.refused.add(c.IMAGE_LOAD_TIME.name)
+    else:
+        device.faults.no_load_times = True
+    assert projector.load(SLOW, 8600.0).pulses_us[1] == 200_000.0
+
+
 @pytest.mark.parametrize("hold", ["video", "sequence"])
 def test_close_leaves_it_dark(make: Callable[..., Made], hold: str) -> None:
     projector, device = make(hold=hold)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,50 +19,24 @@ from drivers.lightcrafter import commands as c
 from drivers.lightcrafter.commands import BY_USB, READ, WRITE, Command
 from drivers.lightcrafter.emulator.faults import EmulatedFaults
 from drivers.lightcrafter.emulator.flash import EmulatedFlash
+from drivers.lightcrafter.emulator.light import emitted
 from drivers.lightcrafter.emulator.player import Exposure, OnPulse, Player, exposures_of
+from drivers.lightcrafter.emulator.registers import DEFAULTS, TICKS_PER_MS
 from drivers.lightcrafter.emulator.validation import validate
 from drivers.lightcrafter.values import (
     Currents,
     HardwareStatus,
-    InternalColour,
-    LedEnable,
-    LutControl,
     LutEntry,
     Mailbox,
     MainStatus,
     Mode,
-    PatternSource,
     Power,
     Release,
     Run,
-    Source,
-    Timing,
-    TriggerMode,
     Validation,
     Versions,
 )
 
-TICKS_PER_MS = 18667
-"""Unit of the image load time."""
-_DEFAULTS: Mapping[Command[Any], Any] = {
-    c.DISPLAY_MODE: Mode.VIDEO,
-    c.INPUT_SOURCE: Source.PARALLEL,
-    c.TEST_PATTERN: 0,
-    c.TEST_COLOUR: InternalColour(1023, 1023, 1023, 0, 0, 0),
-    c.GAMMA: 0x80,
-    c.STILL_IMAGE: 0,
-    c.FLIP_LONG: 0,
-    c.FLIP_SHORT: 0,
-    c.LED_ENABLE: LedEnable.SEQUENCER,
-    c.LED_POLARITY: 0,
-    c.LED_CURRENT: Currents(0x68, 0x87, 0x82),
-    c.PATTERN_SOURCE: PatternSource.FLASH,
-    c.TRIGGER_MODE: TriggerMode.INTERNAL,
-    c.TIMING: Timing(8333, 8333),
-    c.LUT_CONTROL: LutControl(1, True, 1, 1),
-    c.MAILBOX_OFFSET: 0,
-    c.MAILBOX_SELECT: Mailbox.CLOSED,
-}
 _INVALIDATING = (c.DISPLAY_MODE, c.PATTERN_SOURCE, c.TRIGGER_MODE, c.TIMING, c.LUT_CONTROL)
 _IN_STANDBY = (c.POWER, c.VERSION, c.HARDWARE_STATUS, c.MAIN_STATUS)
 
@@ -112,7 +86,7 @@ class EmulatedController:
     def _power_up(self, power: Power) -> None:
         self._power = power
         self._awake_at = 0.0
-        self._values: dict[Command[Any], Any] = dict(_DEFAULTS)
+        self._values: dict[Command[Any], Any] = dict(DEFAULTS)
         self.entries: dict[int, LutEntry] = {}
         self.indexes: dict[int, int] = {}
         self._run = Run.STOP
@@ -185,6 +159,8 @@ class EmulatedController:
         if command is c.VALIDATE:
             busy = self.faults.stuck_validation or time.monotonic() < self._validated_at
             return Validation.BUSY if busy else self._validation
+        if command is c.IMAGE_LOAD_TIME and self.faults.no_load_times:
+            return 0
         if command is c.IMAGE_LOAD_TIME:
             first, count = self._load_range
             return round(sum(1e-3 * self.flash.load_us(first + k) for k in range(count)) * TICKS_PER_MS)
@@ -317,24 +293,8 @@ class EmulatedController:
 
     def light(self) -> npt.NDArray[np.float64]:
         """What the projector emits now: (rows, columns, 3) red, green, blue, 0..255."""
-        rows, columns = self.flash.image(0).shape[:2]
-        drive = np.asarray(self._values[c.LED_CURRENT], np.float64) / 255
-        drive = drive if self._values[c.LED_POLARITY] else 1 - drive
-        dark = np.zeros((rows, columns, 3))
-        if self._power is Power.STANDBY or not self._plugged:
-            return dark
-        if self._values[c.DISPLAY_MODE] is Mode.PATTERN:
-            exposure = self._showing
-            if exposure is None:
-                return dark
-            chosen = np.array([bool(int(exposure.entry.leds) >> k & 1) for k in range(3)], np.float64)
-            return exposure.levels[..., None] * (chosen * drive)
-        if self._values[c.INPUT_SOURCE] is Source.TEST_PATTERN:
-            return dark + np.asarray(self._values[c.TEST_COLOUR][:3]) / 1023 * 255 * drive
-        if self._values[c.INPUT_SOURCE] is Source.FLASH:
-            green, red, blue = np.moveaxis(self.flash.image(self._values[c.STILL_IMAGE]).astype(np.float64), -1, 0)
-            return np.stack([red, green, blue], axis=-1) * drive
-        return dark
+        alive = self._plugged and self._power is Power.NORMAL
+        return emitted(self._values, self._showing, self.flash) * float(alive)
 
 
 def _decoded(command: Command[Any], payload: bytes) -> Any:

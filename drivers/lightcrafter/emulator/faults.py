@@ -26,4 +26,5 @@ class EmulatedFaults:
     deaf_starts: int = 0
     wrong_currents: bool = False
     stuck_mode: bool = False
+    no_load_times: bool = False
     hardware: int = 0

@@ -1,0 +1,35 @@
+"""What an emulated projector emits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.lightcrafter import commands as c
+from drivers.lightcrafter.commands import Command
+from drivers.lightcrafter.emulator.flash import EmulatedFlash
+from drivers.lightcrafter.emulator.player import Exposure
+from drivers.lightcrafter.values import Mode, Source
+
+Light = npt.NDArray[np.float64]
+
+
+def emitted(values: Mapping[Command[Any], Any], showing: Exposure | None, flash: EmulatedFlash) -> Light:
+    """(rows, columns, 3) red, green, blue, 0..255, with the LEDs inverted as on the EVM while their polarity is 0."""
+    drive = np.asarray(values[c.LED_CURRENT], np.float64) / 255
+    drive = drive if values[c.LED_POLARITY] else 1 - drive
+    dark = np.zeros((*flash.image(0).shape[:2], 3))
+    if values[c.DISPLAY_MODE] is Mode.PATTERN:
+        if showing is None:
+            return dark
+        chosen = np.array([bool(int(showing.entry.leds) >> k & 1) for k in range(3)], np.float64)
+        return np.asarray(showing.levels[..., None] * (chosen * drive))
+    if values[c.INPUT_SOURCE] is Source.TEST_PATTERN:
+        return np.asarray(dark + np.asarray(values[c.TEST_COLOUR][:3]) / 1023 * 255 * drive)
+    if values[c.INPUT_SOURCE] is Source.FLASH:
+        green, red, blue = np.moveaxis(flash.image(values[c.STILL_IMAGE]).astype(np.float64), -1, 0)
+        return np.asarray(np.stack([red, green, blue], axis=-1) * drive)
+    return dark
