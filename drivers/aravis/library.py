@@ -44,6 +44,13 @@ class _GError(ctypes.Structure):
 
 
 _GErrorPointer = ctypes.POINTER(_GError)
+_DOUBLE_TYPE = 15 << 2
+
+
+class _GValue(ctypes.Structure):
+    _fields_ = [("type", ctypes.c_size_t), ("data", ctypes.c_uint64 * 2)]
+
+
 _PLAIN: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "update_device_list": (None, ()),
     "get_n_devices": (ctypes.c_uint, ()),
@@ -115,6 +122,9 @@ class Library:
         self._gobject.g_signal_connect_data.argtypes = [_Handle, _Text, ControlLost, _Handle, _Handle, ctypes.c_int]
         self._gobject.g_signal_connect_data.restype = ctypes.c_ulong
         self._gobject.g_signal_handler_disconnect.argtypes = [_Handle, ctypes.c_ulong]
+        self._gobject.g_value_init.argtypes = [ctypes.POINTER(_GValue), ctypes.c_size_t]
+        self._gobject.g_value_set_double.argtypes = [ctypes.POINTER(_GValue), ctypes.c_double]
+        self._gobject.g_object_set_property.argtypes = [_Handle, _Text, ctypes.POINTER(_GValue)]
         self._calls = {name: _prototype(aravis, name, *types) for name, types in _PLAIN.items()}
         for name, (result, arguments) in _CHECKED.items():
             plain = _prototype(aravis, name, result, (*arguments, ctypes.POINTER(_GErrorPointer)))
@@ -143,6 +153,13 @@ class Library:
 
     def disconnect(self, device: int, handler: int) -> None:
         self._gobject.g_signal_handler_disconnect(device, handler)
+
+    def set_number(self, handle: int, name: str, number: float) -> None:
+        """Set a property, of type double, of an object of the library."""
+        value = _GValue()
+        self._gobject.g_value_init(ctypes.byref(value), _DOUBLE_TYPE)
+        self._gobject.g_value_set_double(ctypes.byref(value), number)
+        self._gobject.g_object_set_property(handle, name.encode(), ctypes.byref(value))
 
     def _checked(self, function: Any, *arguments: Any) -> Any:
         error = _GErrorPointer()

@@ -24,6 +24,9 @@ _STATUS = {
     8: "it is no image",
 }
 _MONO8, _MONO16 = 0x0108_0001, 0x0110_0007
+_WORTH_REPAIRING = 1.0
+"""Share of a frame's packets that may be asked for again. The library's own choice, a quarter, gives up a frame that
+lost half of its packets to a short stall of the receiver."""
 _SPARE_BUFFERS = 4
 _ENDLESS_BUFFERS = 32
 
@@ -83,6 +86,8 @@ class FrameStream:
         self._handle: int = library.call("camera_create_stream", camera, None, None)
         if not self._handle:
             raise AravisError("device", 4, "the library made no stream")
+        if gige:
+            library.set_number(self._handle, "packet-request-ratio", _WORTH_REPAIRING)
         for _ in range(_ENDLESS_BUFFERS if frames is None else frames + _SPARE_BUFFERS):
             library.call("stream_push_buffer", self._handle, library.call("buffer_new_allocate", payload))
 

@@ -17,6 +17,7 @@ HEADER_BYTES = _HEADER.size
 PACKET_OVERHEAD = 36
 """IP, UDP and GVSP headers: what a packet size counts beside the pixels."""
 TEST_PACKET_FLAG = 0x8000_0000
+CAN_RESEND = 0x4
 EXCLUSIVE = 0x1
 CONTROL = 0x2
 

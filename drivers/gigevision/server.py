@@ -12,6 +12,7 @@ from drivers.gigevision.camera import CameraBody
 from drivers.gigevision.faults import TriggerFaults
 from drivers.gigevision.pictures import ImageMaker
 from drivers.gigevision.protocol import (
+    CAN_RESEND,
     CONTROL,
     CONTROL_PORT,
     EXCLUSIVE,
@@ -29,6 +30,7 @@ _BROADCAST = "255.255.255.255"
 _HEARTBEAT_MS = 3000
 _PACKET_SIZE = 8036
 _MOST_MEMORY = 536
+_PACKET_NUMBER = 0xFF_FFFF
 _Peer = tuple[str, int]
 
 
@@ -154,7 +156,11 @@ class SimulatedGrasshopper:
             return self._write(request, peer, [(body[i : i + 4], body[i + 4 : i + 8]) for i in range(0, len(body), 8)])
         if request.command == Command.WRITE_MEMORY and len(body) > 4:
             return self._write(request, peer, [(body[:4], body[4:])])
-        return None if request.command == Command.RESEND else make_answer(request, Status.NOT_IMPLEMENTED)
+        if request.command == Command.RESEND and len(body) >= 12:
+            block, first, last = struct.unpack_from(">xxHII", body)
+            self._sender.resend(block, first & _PACKET_NUMBER, last & _PACKET_NUMBER)
+            return None
+        return make_answer(request, Status.NOT_IMPLEMENTED)
 
     def _write(self, request: Request, peer: _Peer, writes: list[tuple[bytes, bytes]]) -> bytes:
         done, status = 0, Status.SUCCESS
@@ -213,7 +219,7 @@ def _identity(address: str, serial: str) -> dict[Bootstrap, bytes]:
         Bootstrap.SUBNET: 0xFF00_0000,
         Bootstrap.INTERFACES: 1,
         Bootstrap.STREAM_CHANNELS: 1,
-        Bootstrap.CAPABILITY: 0,
+        Bootstrap.CAPABILITY: CAN_RESEND,
         Bootstrap.HEARTBEAT_MS: _HEARTBEAT_MS,
         Bootstrap.TICKS_HIGH: 0,
         Bootstrap.TICKS_LOW: 1_000_000_000,

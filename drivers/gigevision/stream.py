@@ -14,6 +14,7 @@ from drivers.gigevision.protocol import PACKET_OVERHEAD, leader, payload_header,
 
 _BURST, _PAUSE_S = 8, 0.0003
 """An ordinary user's receive buffer holds 208 kB, less than a frame: the sender must leave gaps."""
+_KEPT = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +32,29 @@ class Parcel:
     corrupt: bool = False
 
 
+class _Packets:
+    """A frame cut into packets: 0 is the leader, the last one the trailer."""
+
+    def __init__(self, parcel: Parcel) -> None:
+        self.parcel = parcel
+        self._pixels = memoryview(parcel.make_pixels())
+        self._step = parcel.packet_size - PACKET_OVERHEAD
+        self.last = -(-len(self._pixels) // self._step) + 1
+        self._missing = self.last // 2 if parcel.corrupt else None
+
+    def parts(self, number: int) -> list[bytes | memoryview]:
+        """Nothing where there is no such packet, or a fault keeps it back."""
+        parcel = self.parcel
+        if number == self._missing or not 0 <= number <= self.last:
+            return []
+        if number == 0:
+            return [leader(parcel.block, parcel.ticks, parcel.pixel_format, parcel.roi)]
+        if number == self.last:
+            return [trailer(parcel.block, number, parcel.roi[1])]
+        start = (number - 1) * self._step
+        return [payload_header(parcel.block, number), self._pixels[start : start + self._step]]
+
+
 class FrameSender:
     """``put`` and ``clear`` may come from any thread."""
 
@@ -39,6 +63,7 @@ class FrameSender:
         self._socket.bind((address, 0))
         self._changed = threading.Condition()
         self._parcels: deque[Parcel] = deque()
+        self._kept: deque[_Packets] = deque(maxlen=_KEPT)
         self._ended = False
         self._thread = threading.Thread(target=self._run, name=f"frames of {address}", daemon=True)
         self._thread.start()
@@ -52,6 +77,7 @@ class FrameSender:
         """Forget what is not sent yet."""
         with self._changed:
             self._parcels.clear()
+            self._kept.clear()
             self._changed.notify()
 
     def close(self) -> None:
@@ -66,9 +92,19 @@ class FrameSender:
         with contextlib.suppress(OSError):
             self._socket.sendto(packet, receiver)
 
+    def resend(self, block: int, first: int, last: int) -> None:
+        """Packets that the receiver misses, as long as their frame is among the last few."""
+        with self._changed:
+            kept = next((packets for packets in reversed(self._kept) if packets.parcel.block == block), None)
+        if kept is not None:
+            self._send(kept, first, min(last, kept.last))
+
     def _run(self) -> None:
         while (parcel := self._next()) is not None:
-            self._send(parcel)
+            packets = _Packets(parcel)
+            with self._changed:
+                self._kept.append(packets)
+            self._send(packets, 0, packets.last)
 
     def _next(self) -> Parcel | None:
         with self._changed:
@@ -79,17 +115,11 @@ class FrameSender:
                 self._changed.wait(wait_s)
         return None
 
-    def _send(self, parcel: Parcel) -> None:
-        pixels = memoryview(parcel.make_pixels())
-        step = parcel.packet_size - PACKET_OVERHEAD
-        self.send_raw(leader(parcel.block, parcel.ticks, parcel.pixel_format, parcel.roi), parcel.receiver)
-        count = -(-len(pixels) // step)
-        for i in range(count):
-            if parcel.corrupt and i == count // 2:
-                continue
-            with contextlib.suppress(OSError):
-                part = pixels[i * step : (i + 1) * step]
-                self._socket.sendmsg([payload_header(parcel.block, i + 1), part], [], 0, parcel.receiver)
-            if i % _BURST == _BURST - 1:
+    def _send(self, packets: _Packets, first: int, last: int) -> None:
+        for number in range(first, last + 1):
+            parts = packets.parts(number)
+            if parts:
+                with contextlib.suppress(OSError):
+                    self._socket.sendmsg(parts, [], 0, packets.parcel.receiver)
+            if (number - first) % _BURST == _BURST - 1:
                 time.sleep(_PAUSE_S)
-        self.send_raw(trailer(parcel.block, count + 1, parcel.roi[1]), parcel.receiver)
