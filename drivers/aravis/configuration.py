@@ -6,6 +6,7 @@ which would bend the fringes. Names are those of its feature list; cameras that 
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, IPvAnyAddress
@@ -54,9 +55,10 @@ class AravisConfiguration(BaseModel):
     serial, address: either finds it, both must agree; without any, the only camera that answers is taken.
     library: path of libaravis. trigger_line: Line3 for TTL wired directly, Line0 for the opto-isolated input.
     width, height: px, taken down to the camera's steps; offset_x, offset_y: px, None for the middle of the sensor.
-    black_level: per cent, None leaves it. readout_us: of such an image, where the camera does not say. settle_s: wait
-    after arming where it does not say when it is ready. processing: leave gamma and the like as they are, although
-    they bend the fringes. usb_mode: None for the library's own.
+    black_level: per cent; debounce_us: of the trigger line; link_limit: bytes/s; None leaves any of them as it is.
+    readout_us: of such an image, where the camera does not say. settle_s: wait after arming where it does not say
+    when it is ready. processing: leave gamma and the like as they are, although they bend the fringes. usb_mode:
+    None for the library's own.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -76,8 +78,8 @@ class AravisConfiguration(BaseModel):
     readout_us: float = Field(3000.0, ge=0, allow_inf_nan=False)
     settle_s: float = Field(0.05, ge=0, le=10)
     live_rate_hz: float = Field(30.0, gt=0, allow_inf_nan=False)
-    debounce_us: int = Field(0, ge=0)
-    link_limit: int | None = Field(None, gt=0, description="bytes per second")
+    debounce_us: int | None = Field(None, ge=0)
+    link_limit: int | None = Field(None, gt=0)
     processing: bool = False
     usb_mode: Literal["sync", "async"] | None = None
 
@@ -101,12 +103,11 @@ def prepare(features: Features, configuration: AravisConfiguration, device: str,
     _if_there(features, "ExposureMode", "Timed")
     if configuration.black_level is not None:
         features.write("BlackLevel", configuration.black_level)
-    _if_there(features, "AcquisitionFrameRateAuto", "Off")
-    _if_there(features, "AcquisitionFrameRateEnabled", False)
-    _if_there(features, "AcquisitionFrameRateEnable", False)
+    _limit_rate(features, False)
     _if_there(features, "LineSelector", configuration.trigger_line)
     _if_there(features, "LineMode", "Input")
-    _if_there(features, "LineDebouncerTimeRaw", configuration.debounce_us)
+    if configuration.debounce_us is not None:
+        features.write("LineDebouncerTimeRaw", configuration.debounce_us)
     if configuration.link_limit is not None:
         features.write("DeviceLinkThroughputLimit", configuration.link_limit)
 
@@ -122,7 +123,8 @@ def straighten(features: Features) -> None:
 def require_straight(features: Features, device: str) -> None:
     """DeviceConfigurationError for the first automatic function or curve that is on again."""
     for name, value in _STRAIGHT:
-        if features.has(name) and (held := features.read(name, type(value))) != value:
+        known = features.offers(name, value) if isinstance(value, str) else features.has(name)
+        if known and (held := features.read(name, type(value))) != value:
             raise DeviceConfigurationError(
                 device, name, value, f"the camera has switched it to {held}; configure again"
             )
@@ -140,8 +142,7 @@ def set_trigger(features: Features, configuration: AravisConfiguration, trigger:
     if trigger is Trigger.FREE_RUN:
         _run_freely(features, configuration.live_rate_hz)
         return
-    for name in ("AcquisitionFrameRateEnabled", "AcquisitionFrameRateEnable"):
-        _if_there(features, name, False)
+    _limit_rate(features, False)
     source = "Software" if trigger is Trigger.SOFTWARE else configuration.trigger_line
     features.write("TriggerSource", source)
     features.write("TriggerActivation", configuration.trigger_activation)
@@ -198,14 +199,24 @@ def _set_region(features: Features, configuration: AravisConfiguration) -> None:
 
 
 def _run_freely(features: Features, rate_hz: float) -> None:
-    _if_there(features, "AcquisitionFrameRateAuto", "Off")
-    for name in ("AcquisitionFrameRateEnabled", "AcquisitionFrameRateEnable"):
-        _if_there(features, name, True)
+    _limit_rate(features, True)
     if features.has("AcquisitionFrameRate"):
         low, high = features.float_range("AcquisitionFrameRate")
-        features.write("AcquisitionFrameRate", min(max(rate_hz, low), high))
+        with suppress(DeviceConfigurationError):
+            features.write("AcquisitionFrameRate", min(max(rate_hz, low), high))
+
+
+def _limit_rate(features: Features, limited: bool) -> None:
+    """Cameras lock these against one another in different ways, and none matters to a triggered frame."""
+    names = ("AcquisitionFrameRateEnabled", "AcquisitionFrameRateEnable")
+    steps: list[tuple[str, Value]] = [("AcquisitionFrameRateAuto", "Off"), *((name, limited) for name in names)]
+    for name, value in (*steps, *steps[:1]):
+        with suppress(DeviceConfigurationError):
+            _if_there(features, name, value)
 
 
 def _if_there(features: Features, name: str, value: Value) -> None:
-    if features.has(name):
+    """Write what the camera has now; an entry that it does not know is no use either."""
+    known = features.offers(name, value) if isinstance(value, str) else features.has(name)
+    if known:
         features.write(name, value)

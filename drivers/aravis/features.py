@@ -55,8 +55,7 @@ class Features:
     def write(self, name: str, value: Value) -> None:
         """Have the feature hold ``value``; DeviceConfigurationError where it cannot, or reads back otherwise."""
         kind = type(value)
-        held = self.read(name, kind)
-        if _same(held, value, exactly=True):
+        if self._holds(name, value):
             return  # a feature in use may be locked against the very value that it holds
         raw = value.encode() if isinstance(value, str) else value
         try:
@@ -66,6 +65,12 @@ class Features:
         held = self.read(name, kind)
         if not _same(held, value):
             raise DeviceConfigurationError(self._device, name, value, f"it reads back as {held}")
+
+    def _holds(self, name: str, value: Value) -> bool:
+        try:
+            return self.read(name, type(value)) == value
+        except DeviceConfigurationError:  # whatever it holds may be unreadable
+            return False
 
     def execute(self, name: str) -> None:
         try:
@@ -115,7 +120,7 @@ def lost(device: str) -> DeviceLostError:
     return DeviceLostError(device, "does not answer any more; check its cable and power, then close and open it again")
 
 
-def _same(held: Value, wanted: Value, *, exactly: bool = False) -> bool:
-    if isinstance(wanted, float) and not exactly:
-        return math.isclose(held, wanted, rel_tol=_FLOAT_STEP, abs_tol=_FLOAT_STEP)  # type: ignore[arg-type]
+def _same(held: Value, wanted: Value) -> bool:
+    if isinstance(wanted, float) and not isinstance(held, str):
+        return math.isclose(held, wanted, rel_tol=_FLOAT_STEP, abs_tol=_FLOAT_STEP)
     return held == wanted
