@@ -189,7 +189,7 @@ class LightCrafter:
         program = hold_program(stored, math.ceil(pattern.exposure_us or 0), self._leds)
 
         def hold() -> None:
-            self._upload(program)
+            self._console.upload(program)  # it warns of the trigger output, which is known
             self._console.start(math.inf)
 
         return hold
@@ -217,13 +217,16 @@ class LightCrafter:
                 self._state = ProjectorState.LOADED
                 with self._watched():
                     self._console.halt()
-            else:
+            elif self._state is ProjectorState.HOLDING:
                 with self._watched():
                     self._end_holding()
+            elif self._state is ProjectorState.FAULT:
+                # one lost answer is a fault too, and then the light may still be on
+                self._console.halt()
 
     def close(self) -> None:
         with self._lock:
-            if self._state not in (ProjectorState.CLOSED, ProjectorState.FAULT):
+            if self._state is not ProjectorState.CLOSED:
                 with suppress(DriverError):
                     self._console.go_dark()
             self._transport.close()

@@ -24,7 +24,7 @@ from drivers.lightcrafter.emulator.controller import EmulatedController
 from drivers.lightcrafter.emulator.player import Exposure
 from drivers.lightcrafter.manifest import FlashManifest
 from drivers.lightcrafter.projector import LightCrafter
-from drivers.lightcrafter.values import Release, Run, Validation
+from drivers.lightcrafter.values import HardwareStatus, Release, Run, Validation
 from drivers.projector import ProjectorSettings, ProjectorState
 from models.patterns import PatternPlan, Raster, make_pattern
 
@@ -213,8 +213,11 @@ def test_a_mode_that_does_not_change_is_told(make: Callable[..., Made]) -> None:
         projector.open()
 
 
-def test_a_start_that_is_ignored_once_is_repeated(make: Callable[..., Made]) -> None:
+@pytest.mark.parametrize("old_error", [0, HardwareStatus.SEQUENCE_ERROR])
+def test_a_start_that_is_ignored_once_is_repeated(make: Callable[..., Made], old_error: int) -> None:
+    """An error that the status has kept from before is not this sequence's."""
     projector, device = make(settle_s=0.1)
+    device.faults.hardware = old_error
     projector.open()
     loaded = projector.load(SLOW, 60_000.0)
     device.faults.deaf_starts = 1
@@ -362,6 +365,21 @@ def test_a_projector_that_dies_while_it_projects_says_so(make: Callable[..., Mad
     projector.close()
     device.plug()
     projector.open()
+
+
+@pytest.mark.parametrize("leave", ["stop", "close"])
+def test_a_lost_answer_does_not_leave_the_light_on(make: Callable[..., Made], leave: str) -> None:
+    projector, device = make(timeout_s=0.05)
+    projector.open()
+    projector.load(SLOW, 100_000.0)
+    projector.start()
+    device.faults.silent.add(c.MAIN_STATUS.name)
+    assert projector.state is ProjectorState.FAULT
+    device.faults.silent.clear()
+    assert device.running
+    getattr(projector, leave)()
+    assert not device.running
+    assert not device.light().any()
 
 
 def test_a_failure_while_opening_lets_go_of_the_device(make: Callable[..., Made]) -> None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
-from lightcrafter_benches import controller, serial_port
+from lightcrafter_benches import MANIFEST, PLAN, SMALL, controller, quick, serial_port
 
 from drivers.errors import DeviceBusyError, DeviceLostError, DeviceNotFoundError, ProtocolError
 from drivers.lightcrafter import commands as c
@@ -14,6 +15,7 @@ from drivers.lightcrafter.bridges import BusPirate, UsbIss
 from drivers.lightcrafter.emulator.controller import EmulatedController
 from drivers.lightcrafter.emulator.i2c_device import EmulatedBusPirate, EmulatedUsbIss, I2cSlave
 from drivers.lightcrafter.emulator.serial_port import EmulatedSerialPort
+from drivers.lightcrafter.projector import LightCrafter
 from drivers.lightcrafter.serial import SerialTransport
 from drivers.lightcrafter.transport import Transport, read, write
 from drivers.lightcrafter.values import ImageRange, LutEntry, Mailbox, MainStatus, Release, Timing
@@ -47,6 +49,20 @@ def test_as_many_lut_entries_as_one_write_takes_arrive(wired: Wired) -> None:
     write(transport, c.MAILBOX_OFFSET, 40)
     write(transport, c.PATTERN_ENTRIES, entries)
     assert tuple(device.entries[40 + k] for k in range(20)) == entries
+
+
+def test_a_plan_longer_than_one_write_arrives_whole(tmp_path: Path) -> None:
+    device = controller(realtime=False)
+    with serial_port(device, "usb-iss", tmp_path) as (transport, _):
+        projector = LightCrafter(transport, MANIFEST, quick())
+        projector.open()
+        projector.load(PLAN, 8600.0)
+        projector.start()
+        for pattern in PLAN.patterns:
+            exposure = device.step()
+            assert exposure is not None
+            assert np.array_equal(exposure.levels, pattern.render(SMALL)), pattern.name
+        projector.close()
 
 
 def test_an_answer_that_is_not_ready_is_asked_for_again(wired: Wired) -> None:

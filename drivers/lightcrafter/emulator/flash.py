@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.lightcrafter import planes
+from drivers.lightcrafter.splash import encode_image
 
-_LINES = 4
 _SLOWEST_LOAD_US = 200_000.0
 """Of an image that is not compressed; the controller's makers speak of up to 200 ms."""
 _SETUP_US = 1_000.0
@@ -40,13 +40,4 @@ class EmulatedFlash:
 
 
 def _load_us(image: FlashPixels) -> float:
-    return _SETUP_US + (_SLOWEST_LOAD_US - _SETUP_US) * min(1.0, _stored_bytes(image) / image.size)
-
-
-def _stored_bytes(image: FlashPixels) -> int:
-    """Size of the image as TI's builder would store it: four lines that repeat, else runs, else raw."""
-    rows = np.arange(len(image))
-    if np.array_equal(image, image[rows % _LINES]):
-        return image[:_LINES].size
-    changes = np.count_nonzero(np.any(image[:, 1:] != image[:, :-1], axis=2))
-    return int(min(image.size, 4 * (changes + len(image) * (1 + image.shape[1] // 255)) + 4 * len(image)))
+    return _SETUP_US + (_SLOWEST_LOAD_US - _SETUP_US) * min(1.0, len(encode_image(image)) / image.size)
