@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 from drivers.aravis import configuration as setting
 from drivers.aravis.configuration import AravisConfiguration
-from drivers.aravis.connection import Connection
+from drivers.aravis.connection import Connection, connect
 from drivers.aravis.features import lost
 from drivers.aravis.library import AravisError
 from drivers.aravis.stream import FrameStream, Received, stop
@@ -64,7 +64,7 @@ class AravisCamera:
     def open(self) -> CameraInfo:
         with self._lock:
             self._require("be opened", CameraState.CLOSED)
-            connection = Connection(self._name, self._configuration)
+            connection = connect(self._name, self._configuration)
             try:
                 info = self._learn(connection)
             except DriverError as error:

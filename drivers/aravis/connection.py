@@ -18,6 +18,8 @@ from drivers.errors import (
 
 _PERMISSION = ("permission", "access denied", "libusb_error_access", "insufficient")
 _BUSY = ("busy", "claim", "in use", "not-controller", "not controller")
+_RELEASE_S = 15.0
+"""The library asks a silent camera several times, half a second each, before it gives up."""
 
 
 class Connection:
@@ -86,6 +88,16 @@ class Connection:
         self.library.call("camera_set_access_check_policy", self.handle, ACCESS_CHECK)
         if configuration.usb_mode is not None and self.library.call("camera_is_uv_device", self.handle):
             self.library.call("camera_uv_set_usb_mode", self.handle, USB_MODES[configuration.usb_mode])
+
+
+def connect(device: str, configuration: AravisConfiguration) -> Connection:
+    """A new connection; it waits where the camera is still held by one of ours that has died."""
+    try:
+        return Connection(device, configuration)
+    except DeviceBusyError:
+        if not load_library(device, configuration.library).await_releases(_RELEASE_S):
+            raise
+        return Connection(device, configuration)
 
 
 def _why(device: str, text: str) -> DriverError:

@@ -10,7 +10,6 @@ import functools
 import os
 import queue
 import threading
-from collections.abc import Callable
 from typing import Any, Literal
 
 from drivers.errors import DeviceUnavailableError
@@ -133,7 +132,9 @@ class Library:
             self.call("device_error_quark"): "device",
             self.call("gc_error_quark"): "genicam",
         }
-        self._doomed: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._doomed: queue.SimpleQueue[int] = queue.SimpleQueue()
+        self._dying = 0
+        self._released = threading.Condition()
         threading.Thread(target=self._bury, name="aravis release", daemon=True).start()
 
     def call(self, name: str, *arguments: Any) -> Any:
@@ -145,7 +146,14 @@ class Library:
 
     def release_later(self, handle: int) -> None:
         """Give up the handle of a device that is gone: the library would wait seconds for its answers."""
-        self._doomed.put(functools.partial(self.release, handle))
+        with self._released:
+            self._dying += 1
+        self._doomed.put(handle)
+
+    def await_releases(self, timeout_s: float) -> bool:
+        """Wait until nothing of ``release_later`` is left; whether there was anything, and it went in time."""
+        with self._released:
+            return self._dying > 0 and self._released.wait_for(lambda: self._dying == 0, timeout_s)
 
     def on_control_lost(self, device: int, callback: Any) -> int:
         """Call a ControlLost from one of the library's threads; the caller keeps it alive. Returns what ends it."""
@@ -174,7 +182,10 @@ class Library:
 
     def _bury(self) -> None:
         while True:
-            self._doomed.get()()
+            self.release(self._doomed.get())
+            with self._released:
+                self._dying -= 1
+                self._released.notify_all()
 
 
 def load_library(device: str, path: str | None = None) -> Library:

@@ -99,8 +99,11 @@ class SimulatedGrasshopper:
         """Answer nothing and send nothing until ``plug``."""
         self._body.die()
 
-    def plug(self) -> None:
-        """Be there again, freshly switched on."""
+    def plug(self, *, kept_power: bool = False) -> None:
+        """Be there again, freshly switched on; or with all that it held, where only the network was gone."""
+        if kept_power:
+            self._body.dead = False
+            return
         self._controller = None
         self._body.revive()
 

@@ -19,7 +19,7 @@ SERIAL = "20497219"
 def aravis() -> None:
     """libaravis is there; in CI its absence is a failure."""
     try:
-        load_library("test")
+        load_library("camera")
     except DeviceUnavailableError as error:
         if os.environ.get("CI") == "true":
             pytest.fail(str(error))

@@ -110,6 +110,20 @@ def test_a_camera_that_was_switched_off_and_on_is_lost(grasshopper: SimulatedGra
     camera.close()
 
 
+def test_after_a_gap_in_the_network_our_own_dead_connection_is_waited_for(grasshopper: SimulatedGrasshopper) -> None:
+    """The camera still counts it as its controller, until the library has let go."""
+    camera = camera_of(address=grasshopper.address)
+    camera.open()
+    grasshopper.unplug()
+    with pytest.raises(DeviceLostError):
+        camera.configure(CameraSettings(exposure_us=2000))
+    camera.close()
+    grasshopper.plug(kept_power=True)
+    camera.open()
+    camera.configure(CameraSettings(exposure_us=2000))
+    camera.close()
+
+
 def test_without_its_library_the_package_is_named() -> None:
     camera = camera_of(address="127.0.0.1", library="/nowhere/libaravis.so")
     with pytest.raises(DeviceUnavailableError, match=r"apt-get install libaravis-0\.8-0"):
