@@ -32,20 +32,21 @@ BRIDGES = {"usb-iss": (UsbIss, EmulatedUsbIss), "bus-pirate": (BusPirate, Emulat
 def quick(**settings: Any) -> LightCrafterConfiguration:
     """Settings that wait as little as an emulated controller allows."""
     defaults = {"pacing_s": 0.002, "validate_first_s": 0.0, "image_load_us": 40_000.0, "settle_s": 1.0, "wake_s": 0.05}
-    return LightCrafterConfiguration(**{**defaults, "timeout_s": 0.4, **settings})
+    return LightCrafterConfiguration(**{**defaults, "timeout_s": 1.0, **settings})
 
 
 def controller(**settings: Any) -> EmulatedController:
     return emulated_controller(MANIFEST, SMALL, **{"validation_s": 0.005, "wake_s": 0.1, **settings})
 
 
-def usb_transport(device: EmulatedController, timeout_s: float = 0.4) -> tuple[UsbTransport, EmulatedUsb]:
+def usb_transport(device: EmulatedController, timeout_s: float = 1.0) -> tuple[UsbTransport, EmulatedUsb]:
     backend = EmulatedUsb(device)
     return UsbTransport(timeout_s=timeout_s, backend=backend), backend
 
 
 def usb_projector(device: EmulatedController, manifest: FlashManifest = MANIFEST, **settings: Any) -> LightCrafter:
-    return LightCrafter(usb_transport(device)[0], manifest, quick(**settings))
+    configuration = quick(**settings)
+    return LightCrafter(usb_transport(device, configuration.timeout_s)[0], manifest, configuration)
 
 
 @contextmanager
@@ -56,6 +57,6 @@ def serial_port(
     ours, theirs = BRIDGES[bridge]
     port = EmulatedSerialPort(theirs(I2cSlave(device)), folder / "tty")
     try:
-        yield SerialTransport(str(port.path), ours(), timeout_s=0.2, pacing_s=0.0), port
+        yield SerialTransport(str(port.path), ours(), timeout_s=1.0, pacing_s=0.0), port
     finally:
         port.unplug()

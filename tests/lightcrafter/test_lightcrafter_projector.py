@@ -119,7 +119,7 @@ def test_open_tells_what_it_is_and_leaves_it_dark(make: Callable[..., Made]) -> 
 
 
 def test_a_projector_in_standby_is_woken(make: Callable[..., Made]) -> None:
-    projector, _ = make(standby=True, wake_s=0.15, timeout_s=0.1)
+    projector, _ = make(standby=True, wake_s=0.15, timeout_s=0.3)
     assert projector.open().firmware == "4.4.0"
     assert projector.state is ProjectorState.OPEN
 
@@ -147,7 +147,7 @@ def test_a_flash_with_fewer_images_than_its_manifest_is_refused(make: Callable[.
 
 
 def test_a_silent_controller_is_not_found(make: Callable[..., Made]) -> None:
-    projector, device = make(timeout_s=0.05)
+    projector, device = make(timeout_s=0.2)
     device.faults.silent.add(c.VERSION.name)
     with pytest.raises(DeviceNotFoundError, match=r"^projector: did not answer 'version'"):
         projector.open()
@@ -369,9 +369,9 @@ def test_a_projector_that_dies_while_it_projects_says_so(make: Callable[..., Mad
 
 @pytest.mark.parametrize("leave", ["stop", "close"])
 def test_a_lost_answer_does_not_leave_the_light_on(make: Callable[..., Made], leave: str) -> None:
-    projector, device = make(timeout_s=0.05)
+    projector, device = make(timeout_s=0.3)
     projector.open()
-    projector.load(SLOW, 100_000.0)
+    projector.load(SLOW, 2_000_000.0)
     projector.start()
     device.faults.silent.add(c.MAIN_STATUS.name)
     assert projector.state is ProjectorState.FAULT

@@ -34,7 +34,7 @@ Wired = tuple[UsbTransport, EmulatedUsb, EmulatedController]
 def wired() -> Iterator[Wired]:
     """A transport, not yet open, its bus, and the controller."""
     device = controller()
-    transport, bus = usb_transport(device, timeout_s=0.2)
+    transport, bus = usb_transport(device, timeout_s=0.5)
     yield transport, bus, device
     transport.close()
     assert bus.resets == 0, "the device was reset, which makes it leave the bus"
@@ -94,7 +94,7 @@ def test_a_late_answer_is_not_taken_for_the_next_one(wired: Wired) -> None:
     transport, bus, device = wired
     transport.open()
     device.faults.silent.add(c.MAIN_STATUS.name)
-    with pytest.raises(DeviceLostError, match=r"did not answer 'main status' within 0\.2 s"):
+    with pytest.raises(DeviceLostError, match=r"did not answer 'main status' within 0\.5 s"):
         read(transport, c.MAIN_STATUS)
     device.faults.silent.clear()
     bus.leave_report(Reply(bus.last_sequence, b"\x02").encode())
@@ -110,7 +110,7 @@ def test_a_slow_controller_is_waited_for_and_a_dead_one_not_for_long(wired: Wire
     started = time.monotonic()
     with pytest.raises(DeviceLostError):
         read(transport, c.RUN)
-    assert time.monotonic() - started < 1.0
+    assert time.monotonic() - started < 2.0
 
 
 @pytest.mark.parametrize("way", ["read", "write"])

@@ -104,6 +104,7 @@ class EmulatedBusPirate:
         self._written = b""
         self._reading = b""
         self._register = 0
+        self._driven = False
 
     def feed(self, data: bytes) -> bytes:
         answer = b""
@@ -163,7 +164,13 @@ class EmulatedBusPirate:
         if byte == 0x04:
             got, self._reading = self._reading[:1] or b"\xff", self._reading[1:]
             return got
+        if byte == 0x06:
+            self._driven = True
+        if byte == 0x07:
+            self._driven, self._reading = False, b""
         if byte in (0x02, 0x03):
+            if self._driven:  # the slave was told to go on and holds the line
+                return b"\x00"
             self._finish()
         return b"\x01"
 
