@@ -70,4 +70,5 @@ def test_any_request_is_answered_as_described(small: SmallService, mode: schemat
             asked += 1
     assert asked >= (25 if mode is schemathesis.GenerationMode.POSITIVE else 12)
     assert small.client.get("/v1/health/ready").json()["ready"]
-    assert small.client.post("/v1/captures", json={}).status_code == 201
+    # drawn settings may have left an exposure that no pattern fits into
+    assert small.client.post("/v1/captures", json={"exposure_us": 10_000}).status_code == 201
