@@ -118,6 +118,7 @@ def test_after_a_gap_in_the_network_our_own_dead_connection_is_waited_for(grassh
     with pytest.raises(DeviceLostError):
         camera.configure(CameraSettings(exposure_us=2000))
     camera.close()
+    time.sleep(0.2)
     grasshopper.plug(kept_power=True)
     camera.open()
     camera.configure(CameraSettings(exposure_us=2000))
