@@ -13,7 +13,7 @@ from drivers.lightcrafter.commands import NAME
 from drivers.lightcrafter.manifest import FlashManifest, StoredPattern
 from drivers.lightcrafter.values import MAXIMUM_IMAGES, LedSelect, LutControl, LutEntry, Timing
 from drivers.projector import LoadedSequence, ProjectorInfo
-from drivers.virtual.projector import check_plan
+from drivers.sequence_rules import check_plan
 from models.patterns import Pattern, PatternPlan
 
 LONGEST_PERIOD_US = 200_000_000

@@ -10,6 +10,7 @@ import numpy as np
 
 from drivers.camera import AppliedSettings
 from drivers.projector import LoadedSequence
+from drivers.sequence_rules import unstored
 from drivers.virtual.clock import BenchTime
 from drivers.virtual.faults import Faults, PlantedFault, SequenceFaults
 from drivers.virtual.source import SceneSource
@@ -55,18 +56,6 @@ class _Batch:
     def fits(self, plan: PatternPlan, settings: AppliedSettings, brightness: float, scene: str) -> bool:
         made_for = (self.plan, self.settings, self.brightness, self.scene)
         return not self.used and made_for == (plan, settings, brightness, scene)
-
-
-def unstored(plan: PatternPlan, stored: PatternPlan | None) -> Pattern | None:
-    """The first pattern that a projector has not stored; exposures may differ."""
-    if stored is None:
-        return None
-    known = {_without_exposure(p) for p in stored.patterns}
-    return next((p for p in plan.patterns if _without_exposure(p) not in known), None)
-
-
-def _without_exposure(pattern: Pattern) -> str:
-    return pattern.model_copy(update={"exposure_us": None}).model_dump_json()
 
 
 class Bench:
