@@ -47,6 +47,7 @@ def test_paths_in_the_file_are_beside_it(tmp_path: Path) -> None:
         ("[server]\nport = 99999\n", "server.port"),
         ("[server\n", "TOML"),
         ('[server]\nhost = "0.0.0.0"\n', "DUOFRINGE_API_KEYS"),
+        ('[acquisition]\npreview_pattern = "plaid"\n', "preview_pattern"),
         ("[acquisition.audit]\nnonsense = 1\n", "acquisition.audit.nonsense"),
     ],
 )
@@ -55,6 +56,10 @@ def test_mistakes_are_one_line_that_names_the_key(tmp_path: Path, text: str, tol
         load_settings(_file(tmp_path, text))
     assert "\n" not in str(caught.value)
     assert "rig.toml" in str(caught.value)
+
+
+def test_an_empty_preview_pattern_is_dark(tmp_path: Path) -> None:
+    assert load_settings(_file(tmp_path, '[acquisition]\npreview_pattern = ""\n')).acquisition.preview_pattern is None
 
 
 def test_keys_open_the_door_to_the_network(monkeypatch: pytest.MonkeyPatch) -> None:

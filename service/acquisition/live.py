@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 from drivers.camera import Camera, CameraState, Frame, Trigger
 from drivers.devices import RigDevices
-from drivers.errors import DriverError, FrameTimeoutError, IncompleteFrameError
+from drivers.errors import FrameTimeoutError, IncompleteFrameError
 from drivers.projector import ProjectorState
+from models.errors import DuofringeError
 from models.geometry.rig import SIDES, Side
 from models.patterns import Pattern
 from service.acquisition.sequence import RigSettings
@@ -129,7 +130,7 @@ class LiveView:
             failed = False
             try:
                 self._grab()
-            except DriverError:
+            except DuofringeError:
                 failed = True  # whoever captures next meets the fault and names it
             finally:
                 self._rest()

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from models.errors import DuofringeError
+from models.patterns import make_pattern
 from service.acquisition.audit import AuditLimits
 from service.acquisition.checks import LATE_S
 
 
 class AcquisitionSettings(BaseModel):
-    """retakes: tries after the first. late_s: see ``check_sequence``. audit: thresholds on the images."""
+    """retakes: tries after the first. late_s: see ``check_sequence``. audit: thresholds on the images.
+
+    preview_pattern: what the projector holds during the live view; None, or empty text in a file, for dark.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -18,3 +23,14 @@ class AcquisitionSettings(BaseModel):
     lock_wait_s: float = Field(0.05, ge=0, le=10)
     preview_pattern: str | None = Field("white", max_length=64)
     audit: AuditLimits = Field(default_factory=AuditLimits)
+
+    @field_validator("preview_pattern")
+    @classmethod
+    def _is_a_pattern(cls, name: str | None) -> str | None:
+        if not name:
+            return None
+        try:
+            make_pattern(name)
+        except DuofringeError as error:
+            raise ValueError(str(error)) from error
+        return name
