@@ -10,9 +10,11 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.devices import RigDevices
 from drivers.errors import DeviceNotFoundError, DeviceUnavailableError
+from drivers.hardware import CamerasConfiguration, hardware_rig, require_attached
+from drivers.lightcrafter.settings import LightCrafterConfiguration
 from models.geometry.rig import Rig
 
-DriverName = Literal["simulated", "replay", "auto"]
+DriverName = Literal["simulated", "replay", "hardware", "bench", "auto"]
 NAME = "rig"
 
 
@@ -28,9 +30,9 @@ class SimulatedConfiguration(BaseModel):
 class RigConfiguration(BaseModel):
     """Which rig to make.
 
-    driver: "auto" takes the hardware that is attached, else replays, if a folder is named. replay: folder of captures.
-    calibration: file that goes before what the devices know of their calibration. realtime: whether devices that are
-    no hardware take their time.
+    driver: "auto" takes the hardware that is attached, else replays, if a folder is named. "bench" is hardware that
+    programs stand in for. replay: folder of captures. calibration: file that goes before what the devices know of their
+    calibration. realtime: whether simulated and replayed devices take their time. cameras, projector: the hardware.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -40,6 +42,8 @@ class RigConfiguration(BaseModel):
     calibration: Path | None = None
     simulated: SimulatedConfiguration = SimulatedConfiguration()
     realtime: bool = True
+    cameras: CamerasConfiguration = CamerasConfiguration()
+    projector: LightCrafterConfiguration = LightCrafterConfiguration()
 
     def read_calibration(self) -> Rig | None:
         """The rig of ``calibration``; CalibrationError where the file is unreadable."""
@@ -96,7 +100,29 @@ def _auto(configuration: RigConfiguration) -> RigDevices:
     return _replay(configuration, warning)
 
 
-HARDWARE: dict[str, Factory] = {}
+def _hardware(configuration: RigConfiguration) -> RigDevices:
+    return hardware_rig(configuration.cameras, configuration.projector, configuration.read_calibration())
+
+
+def _attached(configuration: RigConfiguration) -> RigDevices:
+    require_attached(configuration.cameras, configuration.projector)
+    return _hardware(configuration)
+
+
+def _bench(configuration: RigConfiguration) -> RigDevices:
+    from drivers.bench.devices import bench_rig
+
+    simulated = configuration.simulated
+    return bench_rig(simulated.seed, simulated.scene, configuration.read_calibration())
+
+
+HARDWARE: dict[str, Factory] = {"cameras and LightCrafter 4500": _attached}
 """What "auto" looks for, in this order. A finder raises DeviceNotFoundError where its hardware is not attached and
 DeviceUnavailableError where its library is not installed."""
-_DRIVERS: Mapping[DriverName, Factory] = {"simulated": _simulated, "replay": _replay, "auto": _auto}
+_DRIVERS: Mapping[DriverName, Factory] = {
+    "simulated": _simulated,
+    "replay": _replay,
+    "hardware": _hardware,
+    "bench": _bench,
+    "auto": _auto,
+}

@@ -27,7 +27,7 @@ from models.errors import DuofringeError
 from service.acquisition.settings import AcquisitionSettings
 
 MEBIBYTE = 1 << 20
-_PATHS = (("library", "folder"), ("rig", "replay"), ("rig", "calibration"))
+_PATHS = (("library", "folder"), ("rig", "replay"), ("rig", "calibration"), ("rig", "projector", "manifest"))
 _SHORTEST_KEY = 16
 
 
@@ -139,8 +139,10 @@ def _read(path: Path) -> dict[str, Any]:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise ConfigurationError(f"configuration '{path}' is not readable as TOML ({error})") from error
-    for section, key in _PATHS:
-        table = content.get(section)
+    for *sections, key in _PATHS:
+        table: Any = content
+        for section in sections:
+            table = table.get(section) if isinstance(table, dict) else None
         if isinstance(table, dict) and isinstance(table.get(key), str):
             table[key] = path.parent / Path(table[key]).expanduser()
     return content

@@ -39,6 +39,7 @@ _LOG = logging.getLogger(__name__)
 T = TypeVar("T")
 OLDEST_FIRMWARE = Release(3, 0, 0)
 """Older firmware takes numbers over I2C in another byte order and loses LUT entries."""
+EMULATED_TAG = "emulated"
 _TICKS_PER_US = 18.667
 _UNKNOWN_LOAD_US = 200_000.0
 """Of an image that is not compressed."""
@@ -96,6 +97,13 @@ class Console:
         except DriverError:
             self._transport.close()
             return False
+
+    def is_emulated(self) -> bool:
+        """Whether a program stands in for the controller, which says so itself."""
+        try:
+            return self.read(c.FIRMWARE_TAG) == EMULATED_TAG
+        except ProtocolError:
+            return False  # not every firmware has a tag
 
     def go_dark(self) -> None:
         """Stop whatever runs and stay in pattern mode, which shows nothing by itself."""

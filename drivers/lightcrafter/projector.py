@@ -118,7 +118,7 @@ class LightCrafter:
             model="LightCrafter 4500",
             serial=self._transport.location,
             firmware=str(versions.application),
-            origin="real",
+            origin="simulated" if self._console.is_emulated() else "real",
             raster=self._manifest.raster,
             limits=limits,
             stored=self._manifest.plan,

@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from service.settings import ServiceSettings
 
-DriverChoice = Literal["simulated", "replay", "auto"]
+DriverChoice = Literal["simulated", "replay", "hardware", "bench", "auto"]
 Config = Annotated[
     Path | None,
     typer.Option(
@@ -21,7 +21,8 @@ Config = Annotated[
     ),
 ]
 Driver = Annotated[
-    DriverChoice | None, typer.Option(help="Which rig, in place of the configuration's: hardware is 'auto'.")
+    DriverChoice | None,
+    typer.Option(help="Which rig, in place of the configuration's: 'auto' is the hardware that is attached."),
 ]
 Replay = Annotated[
     Path | None, typer.Option(metavar="FOLDER", help="Recorded captures to replay; implies --driver replay.")

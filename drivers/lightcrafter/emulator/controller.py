@@ -17,15 +17,17 @@ import numpy.typing as npt
 from drivers.errors import ProtocolError
 from drivers.lightcrafter import commands as c
 from drivers.lightcrafter.commands import BY_USB, READ, WRITE, Command
+from drivers.lightcrafter.console import EMULATED_TAG
 from drivers.lightcrafter.emulator.faults import EmulatedFaults
 from drivers.lightcrafter.emulator.flash import EmulatedFlash
-from drivers.lightcrafter.emulator.light import emitted
-from drivers.lightcrafter.emulator.player import Exposure, OnPulse, Player, exposures_of
+from drivers.lightcrafter.emulator.light import emitted, led_drive
+from drivers.lightcrafter.emulator.player import Exposure, OnPulse, OnValid, Player, exposures_of
 from drivers.lightcrafter.emulator.registers import DEFAULTS, TICKS_PER_MS
 from drivers.lightcrafter.emulator.validation import validate
 from drivers.lightcrafter.values import (
     Currents,
     HardwareStatus,
+    LedSelect,
     LutEntry,
     Mailbox,
     MainStatus,
@@ -52,7 +54,8 @@ class SilentError(Exception):
 class EmulatedController:
     """One DLPC350 with its LEDs inverted as on the EVM.
 
-    on_pulse: called at each pulse of the trigger output, from the thread of the sequence, or from ``step``.
+    on_pulse: called at each pulse of the trigger output, from the thread of the sequence, or from ``step``. on_valid:
+    called with a sequence that passed validation, which lasts until it returns, on a thread of its own.
     realtime: sequences run by themselves; else ``step`` shows one pattern after the other. two_image_quirk: two entries
     of the image LUT are read in exchanged order. entries, indexes: the pattern and the image LUT, as they were sent.
     """
@@ -62,6 +65,7 @@ class EmulatedController:
         flash: EmulatedFlash,
         *,
         on_pulse: OnPulse | None = None,
+        on_valid: OnValid | None = None,
         realtime: bool = True,
         standby: bool = False,
         version: Release = Release(4, 4, 0),  # noqa: B008  (immutable)
@@ -73,6 +77,7 @@ class EmulatedController:
         self.flash = flash
         self.pulses_sent = 0
         self._on_pulse = on_pulse
+        self._on_valid = on_valid
         self._realtime = realtime
         self._version = version
         self._quirk = two_image_quirk
@@ -93,6 +98,7 @@ class EmulatedController:
         self._status = HardwareStatus.INITIALISED
         self._validation = Validation.PATTERN_INVALID
         self._validated_at = 0.0
+        self._examining: threading.Thread | None = None
         self._valid = False
         self._load_range = (0, 0)
         self._left: list[Exposure] = []
@@ -145,7 +151,7 @@ class EmulatedController:
         if command is c.VERSION:
             return Versions(self._version, Release(3, 1, 0), Release(2, 0, 0), Release(1, 0, 0))
         if command is c.FIRMWARE_TAG:
-            return "emulated"
+            return EMULATED_TAG
         if command is c.FLASH_IMAGES:
             return len(self.flash)
         if command is c.HARDWARE_STATUS:
@@ -157,8 +163,7 @@ class EmulatedController:
         if command is c.RUN:
             return self._run
         if command is c.VALIDATE:
-            busy = self.faults.stuck_validation or time.monotonic() < self._validated_at
-            return Validation.BUSY if busy else self._validation
+            return Validation.BUSY if self._is_validating() else self._validation
         if command is c.IMAGE_LOAD_TIME and self.faults.no_load_times:
             return 0
         if command is c.IMAGE_LOAD_TIME:
@@ -230,6 +235,14 @@ class EmulatedController:
         errors = self._validation & (Validation.EXPOSURE_INVALID | Validation.PATTERN_INVALID)
         self._valid = not errors and self._values[c.MAILBOX_SELECT] is Mailbox.CLOSED
         self._validated_at = time.monotonic() + self._validation_s
+        if self._valid and self._on_valid is not None:
+            exposures = exposures_of(*self._luts(), self._values[c.TIMING], self.flash)
+            self._examining = threading.Thread(target=self._on_valid, args=(exposures,), daemon=True)
+            self._examining.start()
+
+    def _is_validating(self) -> bool:
+        examined = self._examining is None or not self._examining.is_alive()
+        return self.faults.stuck_validation or not examined or time.monotonic() < self._validated_at
 
     def _set_run(self, run: Run) -> bytes:
         if run is not Run.START:
@@ -247,8 +260,7 @@ class EmulatedController:
             return b""
 
     def _start(self) -> None:
-        busy = time.monotonic() < self._validated_at
-        if self._values[c.DISPLAY_MODE] is not Mode.PATTERN or not self._valid or busy:
+        if self._values[c.DISPLAY_MODE] is not Mode.PATTERN or not self._valid or self._is_validating():
             self._status |= HardwareStatus.SEQUENCE_ERROR
             return
         timing, control = self._values[c.TIMING], self._values[c.LUT_CONTROL]
@@ -290,6 +302,12 @@ class EmulatedController:
             player.halt()
         self._left = []
         self._showing = None
+
+    def led_shares(self, leds: LedSelect = LedSelect.WHITE) -> tuple[float, float, float]:
+        """Drive of the red, green and blue LED under a pattern that these light, 0..1."""
+        with self._lock:
+            drive = led_drive(self._values)
+        return tuple(float(d) * (int(leds) >> k & 1) for k, d in enumerate(drive))  # type: ignore[return-value]
 
     def light(self) -> npt.NDArray[np.float64]:
         """What the projector emits now: (rows, columns, 3) red, green, blue, 0..255."""

@@ -19,8 +19,7 @@ Light = npt.NDArray[np.float64]
 
 def emitted(values: Mapping[Command[Any], Any], showing: Exposure | None, flash: EmulatedFlash) -> Light:
     """(rows, columns, 3) red, green, blue, 0..255, with the LEDs inverted as on the EVM while their polarity is 0."""
-    drive = np.asarray(values[c.LED_CURRENT], np.float64) / 255
-    drive = drive if values[c.LED_POLARITY] else 1 - drive
+    drive = led_drive(values)
     dark = np.zeros((*flash.image(0).shape[:2], 3))
     if values[c.DISPLAY_MODE] is Mode.PATTERN:
         if showing is None:
@@ -33,3 +32,9 @@ def emitted(values: Mapping[Command[Any], Any], showing: Exposure | None, flash:
         green, red, blue = np.moveaxis(flash.image(values[c.STILL_IMAGE]).astype(np.float64), -1, 0)
         return np.asarray(np.stack([red, green, blue], axis=-1) * drive)
     return dark
+
+
+def led_drive(values: Mapping[Command[Any], Any]) -> Light:
+    """Of the red, green and blue LED, 0..1."""
+    drive = np.asarray(values[c.LED_CURRENT], np.float64) / 255
+    return drive if values[c.LED_POLARITY] else 1 - drive

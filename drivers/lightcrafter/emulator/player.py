@@ -36,6 +36,7 @@ class Exposure:
 
 
 OnPulse = Callable[[Exposure], None]
+OnValid = Callable[[tuple[Exposure, ...]], None]
 
 
 def exposures_of(
