@@ -14,6 +14,7 @@ import numpy.typing as npt
 from drivers.simulator.bounce import Bounce
 from drivers.simulator.lamp import Irradiance, Lamp
 from drivers.simulator.optics import Profile, footprint_offsets, gather
+from drivers.simulator.projected import Picture
 from drivers.simulator.raycast import Hits
 from drivers.simulator.scene import Scene
 from models.geometry.device import Device
@@ -62,11 +63,24 @@ class ViewLight:
         """Light (H, W) of full white alone, before the lens's blur."""
         return np.asarray(self.gain.mean(axis=2), np.float32)
 
-    def under(self, profile: Profile) -> Float32Array:
+    def under(self, projected: Profile | Picture) -> Float32Array:
         """Light (H, W) on the sensor under one pattern, before the lens's blur, ambient light included."""
-        light = gather(self.gain, self.rows if profile.row_coded else self.columns, profile, self.ambient)
+        if isinstance(projected, Picture):
+            profile, light = projected.profile, self._under_picture(projected)
+        else:
+            profile = projected
+            light = gather(self.gain, self.rows if profile.row_coded else self.columns, profile, self.ambient)
         if self.bounce is not None:
             light += self.albedo * self.bounce.under(profile)
+        return light
+
+    def _under_picture(self, picture: Picture) -> Float32Array:
+        light = self.ambient.copy()
+        samples = self.gain.shape[2]
+        for s in range(samples):
+            lit = self.gain[..., s] > 0
+            share = picture.at(*(np.where(lit, place[..., s], -1) for place in (self.columns, self.rows)))
+            light += np.where(lit, self.gain[..., s] * share, 0) / np.float32(samples)
         return light
 
 

@@ -52,17 +52,29 @@ def pattern_profile(pattern: Pattern, raster: Raster, optics: Optics, rows_per_c
     neighbour of the next row has its centre, half a column or one row away; the defocus blends these rows into one
     another (their beat, one cycle a column pitch, keeps under 1e-4 of its contrast at 0.7 columns).
     """
-    diamond = raster.kind == "diamond"
-    if pattern.is_row_coded:
-        count, pitch = raster.rows, 1.0
-        sigma = optics.defocus_columns * rows_per_column
-    else:
-        count, pitch = (2 * raster.columns, 0.5) if diamond else (raster.columns, 1.0)
-        sigma = optics.defocus_columns
-    centres = np.arange(count) * pitch
+    centres = mirror_centres(raster, row_coded=pattern.is_row_coded)
     values = pattern.evaluate(0.0, centres) if pattern.is_row_coded else pattern.evaluate(centres)
-    leak = 1.0 / optics.contrast
-    light = np.rint(np.clip(values, 0, 255)) / 255 * (1 - leak) + leak
+    levels = np.rint(np.clip(values, 0, 255))
+    return profile_of(levels, raster, optics, rows_per_column, row_coded=pattern.is_row_coded)
+
+
+def mirror_centres(raster: Raster, *, row_coded: bool) -> npt.NDArray[np.float64]:
+    """Where mirrors have their centres along v, or along u: on the diamond raster twice a column."""
+    if row_coded:
+        return np.arange(raster.rows, dtype=np.float64)
+    per_column = 2 if raster.kind == "diamond" else 1
+    return np.arange(per_column * raster.columns, dtype=np.float64) / per_column
+
+
+def profile_of(
+    levels: npt.NDArray[Any], raster: Raster, optics: Optics, rows_per_column: float, *, row_coded: bool
+) -> Profile:
+    """The light that leaves mirrors with ``levels``, 0..255, at each of ``mirror_centres``."""
+    diamond = raster.kind == "diamond"
+    pitch = 0.5 if diamond and not row_coded else 1.0
+    sigma = optics.defocus_columns * (rows_per_column if row_coded else 1.0)
+    count = len(levels)
+    light = light_share(levels, optics)
     steps = round(PROFILE_STEPS * pitch)
     extent = _MARGIN + 6 * sigma
     margin = int(np.ceil(extent / pitch))
@@ -70,7 +82,13 @@ def pattern_profile(pattern: Pattern, raster: Raster, optics: Optics, rows_per_c
     impulses[margin * steps :: steps][:count] = light
     kernel = _mirror_kernel(steps, sigma * PROFILE_STEPS, triangle=diamond)
     blurred = np.convolve(impulses, kernel, mode="same")
-    return Profile(blurred.astype(np.float32), -margin * pitch, pattern.is_row_coded)
+    return Profile(blurred.astype(np.float32), -margin * pitch, row_coded)
+
+
+def light_share(levels: npt.NDArray[Any], optics: Optics) -> npt.NDArray[np.float64]:
+    """Share of full white that leaves a mirror at ``levels``, 0..255: black is not quite dark."""
+    leak = 1.0 / optics.contrast
+    return np.asarray(levels / 255 * (1 - leak) + leak, np.float64)
 
 
 def _mirror_kernel(steps: int, sigma: float, *, triangle: bool) -> npt.NDArray[np.float64]:

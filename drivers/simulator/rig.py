@@ -19,6 +19,7 @@ from drivers.simulator.geometry import reference_rig
 from drivers.simulator.lamp import Lamp, Levels
 from drivers.simulator.light import Footprints, ViewLight, view_light
 from drivers.simulator.optics import Float32Array, Optics, Profile, blur_image, pattern_profile
+from drivers.simulator.projected import MirrorLevels, light_of
 from drivers.simulator.scene import Scene
 from drivers.simulator.sensor import Sensor
 from drivers.simulator.truth import scene_truth
@@ -56,6 +57,12 @@ class Observation:
         view = self.views[side]
         light = view.ambient if pattern is None else view.under(self.simulated.profile(pattern))
         return blur_image(light, self.simulated.optics.psf_px)
+
+    def light_of_image(self, side: Side, levels: MirrorLevels) -> Float32Array:
+        """The same while the projector's mirrors hold ``levels`` (rows, columns), uint8."""
+        simulated = self.simulated
+        projected = light_of(levels, simulated.raster, simulated.optics, simulated.rows_per_column)
+        return blur_image(self.views[side].under(projected), simulated.optics.psf_px)
 
     def read_out(
         self, side: Side, light: Float32Array, name: str, seed: int | Sequence[int] = 0, sensor: Sensor | None = None
@@ -104,6 +111,11 @@ class SimulatedRig:
         assert self.rig.raster is not None
         return self.rig.raster
 
+    @property
+    def rows_per_column(self) -> float:
+        """Column pitch over row pitch of the mirrors."""
+        return self.projector.fy / self.projector.fx
+
     @cached_property
     def lamp(self) -> Lamp:
         return Lamp(self.projector, self.levels.lamp_scale(self.rig.left, self.projector))
@@ -117,8 +129,7 @@ class SimulatedRig:
         """The light of a pattern along u or v, computed once per rig."""
         key = pattern.model_dump_json()
         if key not in self._profiles:
-            rows_per_column = self.projector.fy / self.projector.fx
-            self._profiles[key] = pattern_profile(pattern, self.raster, self.optics, rows_per_column)
+            self._profiles[key] = pattern_profile(pattern, self.raster, self.optics, self.rows_per_column)
         return self._profiles[key]
 
     def prepare(self, plan: PatternPlan) -> None:
