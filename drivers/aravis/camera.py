@@ -100,6 +100,18 @@ class AravisCamera:
             with self._device() as connection:
                 return setting.read_applied(connection.features)
 
+    def check(self) -> None:
+        """Ask the camera for a sign of life; does nothing while closed.
+
+        Raises DeviceLostError, and the state is FAULT, where there is none.
+        """
+        with self._lock:
+            if self._state is CameraState.CLOSED:
+                return
+            if self._state is CameraState.FAULT:
+                raise lost(self._name)
+            self._require_alive()
+
     def min_period_us(self, settings: CameraSettings) -> float:
         """Overlapping, a pulse is lost during exposure, or before the last readout has ended; else during both."""
         exposure_us, readout_us = settings.exposure_us, self._readout_us

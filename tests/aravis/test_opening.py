@@ -110,6 +110,27 @@ def test_a_camera_that_was_switched_off_and_on_is_lost(grasshopper: SimulatedGra
     camera.close()
 
 
+@pytest.mark.parametrize("state", [CameraState.OPEN, CameraState.CONFIGURED, CameraState.ARMED], ids=str)
+def test_a_check_finds_out_that_the_camera_is_gone(grasshopper: SimulatedGrasshopper, state: CameraState) -> None:
+    camera = camera_of(address=grasshopper.address)
+    camera.check()
+    camera.open()
+    if state is not CameraState.OPEN:
+        camera.configure(CameraSettings(exposure_us=2000))
+    if state is CameraState.ARMED:
+        camera.arm(1, Trigger.HARDWARE_EDGE)
+    camera.check()
+    assert camera.state is state
+    grasshopper.unplug()
+    for _ in range(2):
+        with pytest.raises(DeviceLostError):
+            camera.check()
+        assert camera.state is CameraState.FAULT
+    camera.close()
+    camera.check()
+    assert camera.state is CameraState.CLOSED
+
+
 def test_after_a_gap_in_the_network_our_own_dead_connection_is_waited_for(grasshopper: SimulatedGrasshopper) -> None:
     """The camera still counts it as its controller, until the library has let go."""
     camera = camera_of(address=grasshopper.address)
