@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.camera import Camera
@@ -15,7 +16,8 @@ class RigDevices:
     """Devices that belong together, not yet opened.
 
     calibration: the rig's calibration in force, None where the stage knows a better one or there is none.
-    stage: what stands before devices that are not hardware. warnings: what every user of the rig must know.
+    stage: what stands before devices that are not hardware. warnings: what every user of the rig must know. release:
+    lets go of what the devices stand on, once they are closed for good.
     """
 
     left: Camera
@@ -24,6 +26,7 @@ class RigDevices:
     calibration: Rig | None = None
     stage: Stage | None = None
     warnings: tuple[str, ...] = ()
+    release: Callable[[], None] = lambda: None
 
     @property
     def cameras(self) -> dict[Side, Camera]:

@@ -20,7 +20,12 @@ class CameraBody:
     """Everything but the control socket. ``lock`` guards registers and sensor."""
 
     def __init__(
-        self, identity: Mapping[Bootstrap, bytes], sender: FrameSender, image: ImageMaker | None, clock_offset_ns: int
+        self,
+        identity: Mapping[Bootstrap, bytes],
+        sender: FrameSender,
+        image: ImageMaker | None,
+        clock_offset_ns: int,
+        on_start: Callable[[], None] | None,
     ) -> None:
         self.lock = threading.RLock()
         self.faults = TriggerFaults()
@@ -28,6 +33,7 @@ class CameraBody:
         self._sender = sender
         self._image = image
         self._clock_offset_ns = clock_offset_ns
+        self._on_start = on_start
         self._sensor = Sensor()
         self._acquiring = False
         self._stopped = threading.Event()
@@ -38,11 +44,23 @@ class CameraBody:
         }
         self.registers = Registers(identity, made, self._on_write)
 
-    def pulse(self, line: str, edge: str, at_s: float | None) -> bool:
+    def pulse(self, line: str, edge: str, at_s: float | None, image: ImageMaker | None) -> bool:
         """One edge on a line; whether it started an exposure."""
         at_s = time.monotonic() if at_s is None else at_s
         with self.lock:
-            return self._trigger(line, edge, at_s)
+            return self._trigger(line, edge, at_s, image)
+
+    def hears(self, line: str) -> bool:
+        """Whether an edge on a line could start an exposure now."""
+        registers = self.registers
+        with self.lock:
+            return (
+                self._acquiring
+                and not self.dead
+                and registers.entry("TriggerSelector") == "FrameStart"
+                and registers.entry("TriggerMode") == "On"
+                and registers.entry("TriggerSource") == line
+            )
 
     def stop(self) -> None:
         """Stop acquisition and forget what is on its way."""
@@ -75,7 +93,7 @@ class CameraBody:
         elif name == "AcquisitionStop":
             self.stop()
         elif name == "TriggerSoftware":
-            self._trigger("Software", None, time.monotonic())
+            self._trigger("Software", None, time.monotonic(), None)
         elif name == "PACKET_SIZE" and self.registers.bootstrap(Bootstrap.PACKET_SIZE) & TEST_PACKET_FLAG:
             size = self.registers.bootstrap(Bootstrap.PACKET_SIZE) & 0xFFFF
             self.registers.set_bootstrap(Bootstrap.PACKET_SIZE, size)
@@ -90,6 +108,8 @@ class CameraBody:
         if self.registers.entry("TriggerMode") == "Off":
             self._free_run = threading.Thread(target=self._run_freely, args=(self._stopped,), daemon=True)
             self._free_run.start()
+        if self._on_start is not None:
+            self._on_start()
 
     def _run_freely(self, stopped: threading.Event) -> None:
         values = self.registers.values
@@ -103,17 +123,9 @@ class CameraBody:
                 self._expose(time.monotonic(), overlap=True)
             stopped.wait(period_s)
 
-    def _trigger(self, source: str, edge: str | None, now_s: float) -> bool:
+    def _trigger(self, source: str, edge: str | None, now_s: float, image: ImageMaker | None) -> bool:
         registers = self.registers
-        listening = (
-            self._acquiring
-            and not self.dead
-            and registers.entry("TriggerSelector") == "FrameStart"
-            and registers.entry("TriggerMode") == "On"
-            and registers.entry("TriggerSource") == source
-            and edge in (None, registers.entry("TriggerActivation"))
-        )
-        if not listening:
+        if not self.hears(source) or edge not in (None, registers.entry("TriggerActivation")):
             return False
         index = self._sensor.pulses
         self._sensor.pulses += 1
@@ -124,25 +136,25 @@ class CameraBody:
             return False
         if registers.values["TriggerDelayEnabled"]:
             now_s += 1e-6 * registers.values["TriggerDelay"]
-        return self._expose(now_s, overlap=self._overlaps())
+        return self._expose(now_s, overlap=self._overlaps(), image=image)
 
-    def _expose(self, now_s: float, *, overlap: bool) -> bool:
+    def _expose(self, now_s: float, *, overlap: bool, image: ImageMaker | None = None) -> bool:
         values = self.registers.values
         rows = int(values["Height"])
         exposure = self._sensor.expose(now_s, values["ExposureTime"], values["Gain"], rows, overlap=overlap)
         if exposure is None:
             return False
-        self._ship(exposure)
+        image = image or self._image
+        self._ship(exposure, image)
         if exposure.index in self.faults.doubled:
-            self._ship(self._sensor.bounce(exposure, rows))
+            self._ship(self._sensor.bounce(exposure, rows), image)
         return True
 
-    def _ship(self, exposure: Exposure) -> None:
+    def _ship(self, exposure: Exposure, maker: ImageMaker | None) -> None:
         if exposure.index in self.faults.dropped:
             return
         roi = self._roi()
         pixel_format = int(self.registers.values["PixelFormat"])
-        maker = self._image
 
         def make_pixels() -> bytes:
             asked = (exposure.index, exposure.exposure_us, exposure.gain_db)

@@ -7,6 +7,7 @@ import socket
 import struct
 import threading
 import time
+from collections.abc import Callable
 
 from drivers.gigevision.camera import CameraBody
 from drivers.gigevision.faults import TriggerFaults
@@ -37,11 +38,14 @@ _Peer = tuple[str, int]
 class SimulatedGrasshopper:
     """A camera at ``address`` (127.x.y.z), from construction until ``close``; also a context manager.
 
-    image: what it sees, a numbered ramp where None. The control port is fixed by GigE Vision, so each needs its own
-    address; OSError where that is taken. ``pulse`` is its trigger input.
+    image: what it sees, a numbered ramp where None. on_start: called when acquisition starts, from the control thread.
+    The control port is fixed by GigE Vision, so each needs its own address; OSError where that is taken. ``pulse`` is
+    its trigger input.
     """
 
-    def __init__(self, address: str, serial: str, image: ImageMaker | None = None) -> None:
+    def __init__(
+        self, address: str, serial: str, image: ImageMaker | None = None, on_start: Callable[[], None] | None = None
+    ) -> None:
         self.address, self.serial = address, serial
         self._control = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._discovery = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -56,7 +60,7 @@ class SimulatedGrasshopper:
             raise
         self._sender = FrameSender(address)
         offset_ns = int.from_bytes(serial.encode()[-4:], "big") * 1000
-        self._body = CameraBody(_identity(address, serial), self._sender, image, offset_ns)
+        self._body = CameraBody(_identity(address, serial), self._sender, image, offset_ns, on_start)
         self._controller: _Peer | None = None
         self._heard_s = 0.0
         self._ended = False
@@ -69,12 +73,23 @@ class SimulatedGrasshopper:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def pulse(self, line: str = "Line3", edge: str = "RisingEdge", at_s: float | None = None) -> bool:
+    def pulse(
+        self,
+        line: str = "Line3",
+        edge: str = "RisingEdge",
+        at_s: float | None = None,
+        image: ImageMaker | None = None,
+    ) -> bool:
         """One edge on a line of the camera; whether it started an exposure.
 
         at_s: when it came, ``time.monotonic``, None for now: a train of pulses keeps its period on a busy machine.
+        image: what that exposure sees, None for what the camera sees anyway.
         """
-        return self._body.pulse(line, edge, at_s)
+        return self._body.pulse(line, edge, at_s, image)
+
+    def hears(self, line: str = "Line3") -> bool:
+        """Whether it waits for edges on a line."""
+        return self._body.hears(line)
 
     def plan_faults(self, faults: TriggerFaults) -> None:
         """What goes wrong at which pulse, from now on."""

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from drivers.camera import AppliedSettings, BitDepth, CameraInfo, CameraLimits
+from drivers.camera import AppliedSettings, BitDepth, CameraInfo, CameraLimits, CameraSettings
 from drivers.errors import DeviceNotFoundError
 from drivers.projector import ProjectorInfo
 from drivers.simulator.mix import random_scene
 from drivers.simulator.optics import Float32Array
+from drivers.simulator.projected import MirrorLevels
 from drivers.simulator.rig import Observation, SimulatedRig
 from drivers.simulator.sensor import Sensor
 from drivers.virtual.source import PixelFormat
@@ -124,6 +125,33 @@ class SimulatedSource:
     ) -> Image:
         return self._expose(side, pattern, settings, brightness, shot)
 
+    def exposed_to(
+        self,
+        side: Side,
+        name: str,
+        levels: Callable[[], MirrorLevels] | None,
+        settings: CameraSettings,
+        *,
+        share: float,
+        shot: int,
+    ) -> Image:
+        """One exposure (height, width) while the mirrors hold ``levels`` (rows, columns), uint8; None for dark.
+
+        name: stands for the levels, which are asked for where that name is new. share: of the projector's full light,
+        over the whole exposure. shot: as in ``image``.
+        """
+        with self._lock:
+            ambient = self._light_of(side, None)
+            light = ambient
+            if levels is not None and share > 0:
+                key = (side, name)
+                if key not in self._light:
+                    self._light[key] = self._observation().light_of_image(side, levels())
+                light = ambient + np.float32(share) * (self._light[key] - ambient)
+            return self._observation().read_out(
+                side, light, name, (self._seed, self._index, shot), self._sensor(settings)
+            )
+
     def _expose(self, side: Side, pattern: Pattern | None, settings: AppliedSettings, share: float, shot: int) -> Image:
         """share: how much of the projector's light counts against the ambient light, which fills the exposure."""
         with self._lock:
@@ -135,7 +163,7 @@ class SimulatedSource:
             seeds = (self._seed, self._index, shot)
             return self._observation().read_out(side, light, name, seeds, self._sensor(settings))
 
-    def _sensor(self, settings: AppliedSettings) -> Sensor:
+    def _sensor(self, settings: AppliedSettings | CameraSettings) -> Sensor:
         return replace(
             self._simulated.sensor,
             exposure_us=settings.exposure_us,

@@ -6,13 +6,12 @@ import threading
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-import numpy as np
-
 from drivers.camera import AppliedSettings
 from drivers.projector import LoadedSequence
 from drivers.sequence_rules import unstored
 from drivers.virtual.clock import BenchTime
 from drivers.virtual.faults import Faults, PlantedFault, SequenceFaults
+from drivers.virtual.light_faults import spoilt
 from drivers.virtual.source import SceneSource
 from models.capture import Image
 from models.geometry.rig import Side
@@ -20,7 +19,6 @@ from models.patterns import Pattern, PatternPlan
 
 Delivery = Literal["whole", "dropped", "truncated"]
 _DOUBLED_AFTER_US = 100.0
-_LAMP_OUT_SHARE = 64
 
 
 class EdgeReceiver(Protocol):
@@ -157,7 +155,8 @@ class Bench:
             if not batch.used:
                 batch.used = True
                 self._next_shot(side)
-        image = _spoilt(batch, faults.order(side, len(batch.images))[index], side, index, faults)
+        shown = batch.images[faults.order(side, len(batch.images))[index]]
+        image = spoilt(shown, batch.settings.white_level, side, index, faults)
         delivery: Delivery = "whole"
         if faults.at("dropped", side, index):
             delivery = "dropped"
@@ -167,17 +166,3 @@ class Bench:
         receiver.on_edge(at_us, image, delivery=delivery, delay_s=late.delay_s if late else 0.0)
         if faults.at("doubled", side, index):
             receiver.on_edge(at_us + _DOUBLED_AFTER_US, image, forced=True)
-
-
-def _spoilt(batch: _Batch, shown: int, side: Side, index: int, faults: SequenceFaults) -> Image:
-    """The image of pattern ``shown`` with what is wrong with the light at pulse ``index``."""
-    image = batch.images[shown]
-    if faults.since("dark", side, index):
-        image = image // image.dtype.type(_LAMP_OUT_SHARE)
-    moved = faults.since("moved", side, index)
-    if moved is not None:
-        image = np.roll(image, moved.shift_px, axis=1)
-    if faults.since("saturated", side, index):
-        white = image.dtype.type(batch.settings.white_level)
-        image = np.where(image > 0, white, image)
-    return image

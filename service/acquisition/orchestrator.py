@@ -92,6 +92,7 @@ class Orchestrator:
         self.cancel()
         self.live.close()
         self._close_all()
+        self.devices.release()
 
     def cancel(self) -> bool:
         """Ask the capture or assistant under way to stop; whether there was one."""

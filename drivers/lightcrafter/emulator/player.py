@@ -18,7 +18,8 @@ class Exposure:
     """One pattern of a sequence as the mirrors show it.
 
     index: from the start of the sequence. image: what is in the buffer. stale: that is not what the LUT asks for, since
-    its image had not come out of flash in time. at_us: when the pulse comes, after the first.
+    its image had not come out of flash in time. at_us: when the pulse comes, after the first. lit_us, dark_us: how long
+    the light is on, and then off until the next exposure.
     """
 
     index: int
@@ -27,6 +28,8 @@ class Exposure:
     image: int
     stale: bool
     flash: EmulatedFlash
+    lit_us: float
+    dark_us: float
 
     @property
     def levels(self) -> FlashPixels:
@@ -55,7 +58,8 @@ def exposures_of(
             stale = swaps > 0 and swapped_us + flash.load_us(wanted) > at_us
             shown = shown if stale else wanted
             swaps, swapped_us = swaps + 1, at_us
-        made.append(Exposure(index, at_us, entry, shown, stale, flash))
+        dark_us = float(timing.period_us - timing.exposure_us)
+        made.append(Exposure(index, at_us, entry, shown, stale, flash, float(timing.exposure_us), dark_us))
     return tuple(made)
 
 
