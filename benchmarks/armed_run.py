@@ -17,9 +17,10 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from benchmarks.report import parser, show
-from drivers.aravis import AravisCamera, AravisConfiguration
+from drivers.aravis import AravisCamera
 from drivers.camera import CameraSettings, StreamStatistics, Trigger
 from drivers.errors import FrameTimeoutError, IncompleteFrameError
+from drivers.genicam import GenicamConfiguration
 from drivers.gigevision.pictures import number_on
 
 PAIRS = 1000
@@ -95,7 +96,7 @@ def take(camera: AravisCamera, count: int) -> Taken:
 def armed_run(process: CameraProcess, pairs: int, exposure_us: float, gap_us: float) -> dict[str, float]:
     """Figures of one run of ``pairs`` pulses."""
     cameras = [
-        AravisCamera(f"{side} camera", AravisConfiguration.model_validate({"address": address}))
+        AravisCamera(f"{side} camera", GenicamConfiguration.model_validate({"address": address}))
         for side, address in process.addresses.items()
     ]
     try:

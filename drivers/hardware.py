@@ -7,11 +7,11 @@ from typing import Literal
 import usb.core
 from pydantic import BaseModel, ConfigDict
 
-from drivers.aravis.configuration import AravisConfiguration
 from drivers.aravis.discovery import find_cameras
 from drivers.camera import Camera
 from drivers.devices import RigDevices
 from drivers.errors import DeviceNotFoundError, DeviceUnavailableError
+from drivers.genicam.configuration import GenicamConfiguration
 from drivers.lightcrafter.settings import LightCrafterConfiguration
 from drivers.lightcrafter.usb import PRODUCT, VENDOR
 from models.geometry.rig import Rig, Side
@@ -25,8 +25,8 @@ class CamerasConfiguration(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     driver: Literal["aravis"] = "aravis"
-    left: AravisConfiguration = AravisConfiguration()
-    right: AravisConfiguration = AravisConfiguration()
+    left: GenicamConfiguration = GenicamConfiguration()
+    right: GenicamConfiguration = GenicamConfiguration()
 
     @property
     def named(self) -> bool:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import threading
 
-from drivers.aravis.configuration import AravisConfiguration
-from drivers.aravis.discovery import is_loopback, locate, privilege, same_serial
-from drivers.aravis.features import Features
+from drivers.aravis.discovery import is_loopback, locate, privilege
+from drivers.aravis.features import AravisFeatures
 from drivers.aravis.library import ACCESS_CHECK, RANGE_CHECK, USB_MODES, AravisError, ControlLost, Library, load_library
+from drivers.aravis.stream import AravisStream, stop
 from drivers.errors import (
     DeviceBusyError,
-    DeviceLostError,
     DeviceNotFoundError,
     DevicePermissionError,
     DriverError,
 )
+from drivers.genicam.configuration import GenicamConfiguration
+from drivers.genicam.serial_numbers import same_serial
 
 _PERMISSION = ("permission", "access denied", "libusb_error_access", "insufficient")
 _BUSY = ("busy", "claim", "in use", "not-controller", "not controller")
@@ -22,10 +23,10 @@ _RELEASE_S = 15.0
 """The library asks a silent camera several times, half a second each, before it gives up."""
 
 
-class Connection:
+class AravisConnection:
     """Opened by its making, which raises what ``Camera.open`` may; held until ``release``."""
 
-    def __init__(self, device: str, configuration: AravisConfiguration) -> None:
+    def __init__(self, device: str, configuration: GenicamConfiguration) -> None:
         self.library: Library = load_library(device, configuration.library)
         address = None if configuration.address is None else str(configuration.address)
         found = locate(self.library, device, configuration.serial, address)
@@ -40,49 +41,43 @@ class Connection:
         self._control_lost = threading.Event()
         self._callback = ControlLost(lambda *_: self._control_lost.set())
         self._handler = self.library.on_control_lost(self._device_handle, self._callback)
-        self.features = Features(self.library, self.handle, device)
+        self.features = AravisFeatures(self.library, self.handle, device)
         try:
             self._check(device, configuration)
+            stop(self.library, self.handle)  # whoever had it last may have left it running
         except DriverError:
             self.release()
             raise
 
     def is_alive(self) -> bool:
-        """Whether the camera answers and is still ours; below a second where it does not."""
         if self._control_lost.is_set():
             return False
         if self.gige:
             return bool(privilege(self.address))
         try:
             self.features.read("Width", int)
-        except DeviceLostError:
+        except DriverError:
             return False
         return True
 
     @property
     def control_lost(self) -> bool:
-        """Whether the library has found out by itself that the camera is gone."""
         return self._control_lost.is_set()
 
+    def make_stream(self, frames: int | None) -> AravisStream:
+        return AravisStream(self.library, self.handle, frames, gige=self.gige)
+
     def release(self, *, dead: bool = False) -> None:
-        """Let go of it. dead: do not wait for its answers."""
         self.library.disconnect(self._device_handle, self._handler)
         (self.library.release_later if dead else self.library.release)(self.handle)
 
-    def text(self, *names: str) -> str:
-        """The first of these features that the camera has, else nothing."""
-        return next((self.features.read(name, str) for name in names if self.features.has(name)), "")
-
-    @property
-    def serial(self) -> str:
-        return self.text("DeviceSerialNumber", "DeviceID")
-
-    def _check(self, device: str, configuration: AravisConfiguration) -> None:
+    def _check(self, device: str, configuration: GenicamConfiguration) -> None:
         if self.gige and not self.library.call("gv_device_is_controller", self._device_handle):
             raise DeviceBusyError(device, "another program controls the camera; end that one first")
-        if configuration.serial is not None and not same_serial(configuration.serial, self.serial):
+        wanted, shown = configuration.serial, self.features.serial
+        if wanted is not None and not same_serial(wanted, shown):
             raise DeviceNotFoundError(
-                device, f"the camera at {self.address} has the serial number {self.serial}, not {configuration.serial}"
+                device, f"the camera at {self.address} has the serial number {shown}, not {wanted}"
             )
         self.library.call("camera_set_range_check_policy", self.handle, RANGE_CHECK)
         self.library.call("camera_set_access_check_policy", self.handle, ACCESS_CHECK)
@@ -90,14 +85,14 @@ class Connection:
             self.library.call("camera_uv_set_usb_mode", self.handle, USB_MODES[configuration.usb_mode])
 
 
-def connect(device: str, configuration: AravisConfiguration) -> Connection:
+def connect(device: str, configuration: GenicamConfiguration) -> AravisConnection:
     """A new connection; it waits where the camera is still held by one of ours that has died."""
     try:
-        return Connection(device, configuration)
+        return AravisConnection(device, configuration)
     except DeviceBusyError:
         if not load_library(device, configuration.library).await_releases(_RELEASE_S):
             raise
-        return Connection(device, configuration)
+        return AravisConnection(device, configuration)
 
 
 def _why(device: str, text: str) -> DriverError:

@@ -7,27 +7,15 @@ import secrets
 import socket
 import threading
 import time
-from typing import NamedTuple
 
 from drivers.aravis.library import Library, load_library
 from drivers.errors import DeviceNotFoundError
+from drivers.genicam.connection import FoundCamera
+from drivers.genicam.serial_numbers import same_serial
 from drivers.gigevision.protocol import CONTROL_PORT, Bootstrap, Command, make_request, parse_answer
 
 _TRIES_S = (0.05, 0.1, 0.2, 0.4)
 _LISTING = threading.Lock()
-
-
-class FoundCamera(NamedTuple):
-    """id: the library's name for it. address: of IPv4, or the place on the USB.
-
-    protocol: "USB3Vision" or "GigEVision".
-    """
-
-    id: str
-    model: str
-    serial: str
-    address: str
-    protocol: str
 
 
 def find_cameras(library: str | None = None, device: str = "camera") -> list[FoundCamera]:
@@ -56,16 +44,6 @@ def locate(library: Library, device: str, serial: str | None, address: str | Non
     raise DeviceNotFoundError(
         device, f"no camera with the serial number {serial} answers; those that do: {there}; check cable and power"
     )
-
-
-def same_serial(wanted: str, shown: str) -> bool:
-    """On the USB, a serial number is often shown as hexadecimal digits."""
-    if wanted.strip().lower() == shown.strip().lower():
-        return True
-    try:
-        return int(wanted) == int(shown, 16)
-    except ValueError:
-        return False
 
 
 def privilege(address: str) -> int | None:

@@ -13,6 +13,7 @@ import threading
 from typing import Any, Literal
 
 from drivers.errors import DeviceUnavailableError
+from drivers.genicam.connection import LibraryError
 
 PATH_VARIABLE = "ARAVIS_LIBRARY"
 _DEFAULT = "libaravis-0.8.so.0"
@@ -24,7 +25,7 @@ RANGE_CHECK = ACCESS_CHECK = 1
 USB_MODES = {"sync": 0, "async": 1}
 
 
-class AravisError(Exception):
+class AravisError(LibraryError):
     """What the library reports; callers turn it into a DriverError."""
 
     def __init__(self, domain: ErrorDomain, code: int, text: str) -> None:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-from dataclasses import dataclass
 
 import numpy as np
 
 from drivers.aravis.library import AravisError, Library
+from drivers.genicam.connection import ENDLESS_BUFFERS, SPARE_BUFFERS, FrameIds, Received, unpack_mono16
 from models.capture import Image
 
-_GVSP_IDS = 0xFFFF
-"""Ids of GigE Vision run from 1 to this and then from 1 again."""
 _WHOLE = 0
 _NEVER_A_FRAME = (1, 6, 7)
 _STATUS = {
@@ -27,59 +25,16 @@ _MONO8, _MONO16 = 0x0108_0001, 0x0110_0007
 _WORTH_REPAIRING = 1.0
 """Share of a frame's packets that may be asked for again. The library's own choice, a quarter, gives up a frame that
 lost half of its packets to a short stall of the receiver."""
-_SPARE_BUFFERS = 4
-_ENDLESS_BUFFERS = 32
 
 
-@dataclass(frozen=True, eq=False)
-class Received:
-    """image: None where the frame is damaged; ``problem`` says how. frame_id: from 0. Times in ns.
-
-    device_ns: the camera's clock. system_ns: arrival, ``time.time_ns``.
-    """
-
-    frame_id: int
-    device_ns: int
-    system_ns: int
-    image: Image | None = None
-    problem: str = ""
-
-
-class FrameIds:
-    """Turns ids that may start at 1 and wrap into a count from 0."""
-
-    def __init__(self, *, gige: bool) -> None:
-        self._gige = gige
-        self._last = -1
-        self._seen = 0
-        self._highest = -1
-
-    def count(self, raw: int) -> int:
-        """``raw`` comes within half a round of the last one."""
-        if not self._gige:
-            number = raw
-        else:
-            ahead = (raw - 1 - self._last + _GVSP_IDS // 2) % _GVSP_IDS - _GVSP_IDS // 2
-            number = self._last + ahead
-        self._last = number
-        self._seen += 1
-        self._highest = max(self._highest, number)
-        return number
-
-    @property
-    def missing(self) -> int:
-        """Ids before the highest that never came."""
-        return max(0, self._highest + 1 - self._seen)
-
-
-class FrameStream:
+class AravisStream:
     """One of the library's streams; a fresh one for each arming, since an old one discards ids that start anew.
 
     Not safe against threads. Raises AravisError where it cannot be made.
     """
 
     def __init__(self, library: Library, camera: int, frames: int | None, *, gige: bool) -> None:
-        self._library = library
+        self._library, self._camera = library, camera
         self._ids = FrameIds(gige=gige)
         self.delivered = 0
         payload = library.call("camera_get_payload", camera)
@@ -88,11 +43,13 @@ class FrameStream:
             raise AravisError("device", 4, "the library made no stream")
         if gige:
             library.set_number(self._handle, "packet-request-ratio", _WORTH_REPAIRING)
-        for _ in range(_ENDLESS_BUFFERS if frames is None else frames + _SPARE_BUFFERS):
+        for _ in range(ENDLESS_BUFFERS if frames is None else frames + SPARE_BUFFERS):
             library.call("stream_push_buffer", self._handle, library.call("buffer_new_allocate", payload))
 
+    def start(self) -> None:
+        self._library.call("camera_start_acquisition", self._camera)
+
     def pop(self, timeout_us: int) -> Received | None:
-        """The next arrival, None where nothing comes in time."""
         while True:
             buffer = self._library.call("stream_timeout_pop_buffer", self._handle, timeout_us)
             if not buffer:
@@ -105,7 +62,8 @@ class FrameStream:
                 return received
 
     def end(self, *, dead: bool) -> int:
-        """Let go of it after acquisition has stopped; how many whole frames were left."""
+        if not dead:
+            stop(self._library, self._camera)
         left = 0
         while buffer := self._library.call("stream_try_pop_buffer", self._handle):
             received = self._receive(buffer)
@@ -141,7 +99,7 @@ def _as_image(pixels: np.ndarray, width: int, height: int, pixel_format: int) ->
         return pixels[: width * height].reshape(height, width).copy()
     if pixel_format == _MONO16 and pixels.size >= 2 * width * height:
         wide = pixels[: 2 * width * height].view("<u2").reshape(height, width)
-        return (wide >> 4).astype(np.uint16)
+        return unpack_mono16(wide)
     return None
 
 

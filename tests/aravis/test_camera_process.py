@@ -9,9 +9,10 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from drivers.aravis import AravisCamera, AravisConfiguration
+from drivers.aravis import AravisCamera
 from drivers.camera import CameraSettings, Trigger
 from drivers.errors import DeviceLostError, DeviceNotFoundError
+from drivers.genicam import GenicamConfiguration
 from drivers.gigevision.pictures import number_on
 
 Ask = Callable[[str], str]
@@ -43,7 +44,7 @@ def ask(address: Callable[[int], str]) -> Iterator[Ask]:
 
 
 def test_pulses_faults_and_death_by_command(aravis: None, ask: Ask, address: Callable[[int], str]) -> None:
-    camera = AravisCamera("left camera", AravisConfiguration.model_validate({"address": address(0)}))
+    camera = AravisCamera("left camera", GenicamConfiguration.model_validate({"address": address(0)}))
     assert camera.open().serial == "77"
     camera.configure(CameraSettings(exposure_us=4000))
     assert ask(f'faults {address(0)} {{"dropped": [2], "delayed": {{"3": 0.05}}}}') == "ok"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.aravis import AravisCamera, AravisConfiguration
+from drivers.aravis import AravisCamera
+from drivers.genicam import GenicamConfiguration
 from drivers.gigevision import SimulatedGrasshopper
 from drivers.testing import CameraBench, CameraContract
 
@@ -12,7 +13,7 @@ from drivers.testing import CameraBench, CameraContract
 class TestAravisCamera(CameraContract):
     @pytest.fixture
     def bench(self, grasshopper: SimulatedGrasshopper) -> CameraBench:
-        configuration = AravisConfiguration.model_validate({"address": grasshopper.address})
+        configuration = GenicamConfiguration.model_validate({"address": grasshopper.address})
         camera = AravisCamera("left camera", configuration)
         return CameraBench(camera, lambda: _pulse(grasshopper), grasshopper.unplug, grasshopper.plug)
 

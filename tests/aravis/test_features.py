@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from drivers.aravis import AravisCamera, AravisConfiguration
+from drivers.aravis import AravisCamera
 from drivers.camera import CameraSettings, CameraState, Trigger
 from drivers.errors import DeviceConfigurationError, DeviceStateError
+from drivers.genicam import GenicamConfiguration
 from drivers.gigevision import SimulatedGrasshopper
 
 SHORT = CameraSettings(exposure_us=2000)
@@ -21,7 +22,7 @@ def opened(grasshopper: SimulatedGrasshopper) -> Iterator[Open]:
     made: list[AravisCamera] = []
 
     def opened(**more: object) -> AravisCamera:
-        configuration = AravisConfiguration.model_validate({"address": grasshopper.address, **more})
+        configuration = GenicamConfiguration.model_validate({"address": grasshopper.address, **more})
         camera = AravisCamera("left camera", configuration)
         made.append(camera)
         camera.open()
@@ -144,7 +145,7 @@ def test_twelve_bits_have_sixteen_times_as_many_levels(opened: Open, grasshopper
 def test_readout_and_exposure_decide_the_shortest_period(opened: Open) -> None:
     overlapping, apart = (
         opened(readout_us=3000.0),
-        AravisCamera("right camera", AravisConfiguration(readout_us=3000.0, trigger_overlap="Off")),
+        AravisCamera("right camera", GenicamConfiguration(readout_us=3000.0, trigger_overlap="Off")),
     )
     for exposure_us, with_overlap in ((8000.0, 8100.0), (1000.0, 3100.0)):
         settings = CameraSettings(exposure_us=exposure_us)

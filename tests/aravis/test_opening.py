@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.aravis import AravisCamera, AravisConfiguration, find_cameras
-from drivers.aravis.discovery import privilege, same_serial
+from drivers.aravis import AravisCamera, find_cameras
+from drivers.aravis.discovery import privilege
 from drivers.camera import CameraSettings, CameraState, Trigger
 from drivers.errors import (
     DeviceBusyError,
@@ -18,11 +18,13 @@ from drivers.errors import (
     DeviceNotFoundError,
     DeviceUnavailableError,
 )
+from drivers.genicam import GenicamConfiguration
+from drivers.genicam.serial_numbers import same_serial
 from drivers.gigevision import SimulatedGrasshopper
 
 
 def camera_of(**configuration: object) -> AravisCamera:
-    return AravisCamera("left camera", AravisConfiguration.model_validate(configuration))
+    return AravisCamera("left camera", GenicamConfiguration.model_validate(configuration))
 
 
 def test_cameras_that_answer_are_listed(grasshopper: SimulatedGrasshopper, address: Callable[[int], str]) -> None:

@@ -10,9 +10,10 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-from drivers.aravis import AravisCamera, AravisConfiguration
+from drivers.aravis import AravisCamera
 from drivers.camera import AppliedSettings, Camera, CameraSettings, CameraState, Frame, StreamStatistics, Trigger
 from drivers.errors import DeviceLostError, FrameTimeoutError, IncompleteFrameError
+from drivers.genicam import GenicamConfiguration
 from drivers.gigevision import SimulatedGrasshopper, TriggerFaults
 from drivers.gigevision.__main__ import send_train
 from models.capture import Image
@@ -51,8 +52,8 @@ def camera(cameras: list[AravisCamera]) -> AravisCamera:
     return cameras[0]
 
 
-def wired(sensor: SimulatedGrasshopper, **more: object) -> AravisConfiguration:
-    return AravisConfiguration.model_validate({"address": sensor.address, **more})
+def wired(sensor: SimulatedGrasshopper, **more: object) -> GenicamConfiguration:
+    return GenicamConfiguration.model_validate({"address": sensor.address, **more})
 
 
 def ready(camera: Camera, exposure_us: float = 4000.0, frames: int = PULSES) -> AppliedSettings:

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.aravis.discovery import privilege
-from drivers.aravis.stream import FrameIds
+from drivers.genicam.connection import FrameIds
 from drivers.gigevision import SimulatedGrasshopper
 from drivers.gigevision.pictures import number_on, numbered_ramp
 from drivers.gigevision.protocol import CONTROL_PORT, Bootstrap, Command, make_request, parse_answer, parse_request
