@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import typer
 
 from service.cli import console
@@ -16,12 +18,20 @@ def register(app: typer.Typer) -> None:
     app.command("doctor", epilog=EXAMPLE)(command)
 
 
-def command(config: Config = None, driver: Driver = None, replay: Replay = None, json: Json = False) -> None:
-    """Examine computer, library, devices and calibration, with one test exposure; exit status 1 for a fault."""
+def command(
+    config: Config = None,
+    driver: Driver = None,
+    replay: Replay = None,
+    skip_exposure: Annotated[
+        bool, typer.Option("--skip-exposure", help="No light: leave out the trigger pulses and the test exposure.")
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Examine computer, library, devices, wiring and calibration, with one test exposure; exit status 1 for a fault."""
     settings = settings_from(config, driver, replay)
     from service.diagnosis import examine
 
-    symptoms = examine(settings)
+    symptoms = examine(settings, exposure=not skip_exposure)
     faults = [symptom for symptom in symptoms if symptom.state == "fault"]
     lines = [
         f"{_MARKS[s.state]}  {s.subject}: {s.finding}" + (f"\n         mend: {s.remedy}" if s.remedy else "")
