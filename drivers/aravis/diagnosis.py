@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, Protocol, TypeVar
 
-from drivers.aravis.camera import AravisCamera
 from drivers.aravis.library import PATH_VARIABLE, load_library
 from drivers.camera import CameraState
 from drivers.errors import DeviceStateError
+from drivers.genicam.camera import GenicamCamera
 
 _MAPS = Path("/proc/self/maps")
 _PARTS = ("major", "minor", "micro")
@@ -81,8 +81,8 @@ def loaded_library(path: str | None = None) -> LoadedLibrary:
     return LoadedLibrary(file, None if file is None else _version(file))
 
 
-def examine_camera(camera: AravisCamera) -> CameraLink:
-    """The link of an open camera. Raises DeviceStateError while it is closed, DeviceLostError where it is gone."""
+def examine_camera(camera: GenicamCamera) -> CameraLink:
+    """The link of an open camera, whatever library reaches it. Raises DeviceStateError while it is closed, DeviceLostError where it is gone."""
     with camera._lock:
         connection = camera._connection
         if connection is None or camera.state is CameraState.FAULT:

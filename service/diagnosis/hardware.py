@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from drivers.aravis.camera import AravisCamera
 from drivers.aravis.diagnosis import examine_camera
 from drivers.devices import RigDevices
 from drivers.errors import DriverError
+from drivers.genicam.camera import GenicamCamera
 from drivers.lightcrafter.diagnosis import SUPPLY_LIMIT_A, ProjectorReport, examine_projector
 from drivers.lightcrafter.projector import LightCrafter
 from service.diagnosis.symptom import Symptom
@@ -21,13 +21,13 @@ def is_wired(devices: RigDevices) -> bool:
 def examine_hardware(devices: RigDevices) -> Iterator[Symptom]:
     """Of open devices; nothing of those that are no hardware."""
     for camera in devices.cameras.values():
-        if isinstance(camera, AravisCamera):
+        if isinstance(camera, GenicamCamera):
             yield from _camera(camera)
     if isinstance(devices.projector, LightCrafter):
         yield from _projector(devices.projector)
 
 
-def _camera(camera: AravisCamera) -> Iterator[Symptom]:
+def _camera(camera: GenicamCamera) -> Iterator[Symptom]:
     subject = f"link of {camera.name}"
     try:
         link = examine_camera(camera)

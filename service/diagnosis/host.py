@@ -37,7 +37,9 @@ def host(rig: RigConfiguration, root: Path) -> Iterator[Symptom]:
     hardware = rig.driver == "hardware" or (rig.driver == "auto" and bool(cameras or projectors))
     on_usb = hardware and _may_be_on_usb(rig.cameras)
     if hardware or rig.driver == "bench":
-        yield from _libraries(rig.cameras if hardware else CamerasConfiguration(), on_usb=on_usb)
+        reached = rig.cameras if hardware else CamerasConfiguration()
+        if reached.driver == "aravis":
+            yield from _libraries(reached, on_usb=on_usb)
     if on_usb:
         yield _cameras_there(cameras)
         yield from _access("cameras", CAMERA, cameras, root)
