@@ -2,21 +2,39 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Callable, Mapping, Sequence
+from typing import Literal, NamedTuple
 
 import usb.core
 from pydantic import BaseModel, ConfigDict
 
-from drivers.aravis.discovery import find_cameras
+from drivers import aravis, spinnaker
 from drivers.camera import Camera
 from drivers.devices import RigDevices
 from drivers.errors import DeviceNotFoundError, DeviceUnavailableError
-from drivers.genicam.configuration import GenicamConfiguration
+from drivers.genicam import FoundCamera, GenicamConfiguration
 from drivers.lightcrafter.settings import LightCrafterConfiguration
 from drivers.lightcrafter.usb import PRODUCT, VENDOR
 from models.geometry.rig import Rig, Side
 
 NAME = "rig"
+CameraDriverName = Literal["aravis", "spinnaker"]
+
+
+class CameraDriver(NamedTuple):
+    """camera: makes one, not yet opened, for a role in the rig. find: which ones answer.
+
+    Both may raise DeviceUnavailableError where the driver's library is not installed.
+    """
+
+    camera: Callable[[str, GenicamConfiguration], Camera]
+    find: Callable[[GenicamConfiguration], Sequence[FoundCamera]]
+
+
+_CAMERA_DRIVERS: Mapping[CameraDriverName, CameraDriver] = {
+    "aravis": CameraDriver(aravis.AravisCamera, lambda camera: aravis.find_cameras(camera.library)),
+    "spinnaker": CameraDriver(spinnaker.SpinnakerCamera, lambda _: spinnaker.find_cameras()),
+}
 
 
 class CamerasConfiguration(BaseModel):
@@ -24,14 +42,23 @@ class CamerasConfiguration(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    driver: Literal["aravis"] = "aravis"
+    driver: CameraDriverName = "aravis"
     left: GenicamConfiguration = GenicamConfiguration()
     right: GenicamConfiguration = GenicamConfiguration()
+
+    def find(self) -> Sequence[FoundCamera]:
+        """Every camera that answers the driver; DeviceUnavailableError without its library."""
+        return _CAMERA_DRIVERS[self.driver].find(self.left)
 
     @property
     def named(self) -> bool:
         """Whether each camera is told from the other."""
         return all(camera.serial is not None or camera.address is not None for camera in (self.left, self.right))
+
+
+def make_camera(side: Side, cameras: CamerasConfiguration) -> Camera:
+    """One camera through its driver, not yet opened."""
+    return _CAMERA_DRIVERS[cameras.driver].camera(f"{side} camera", getattr(cameras, side))
 
 
 def hardware_rig(
@@ -47,9 +74,10 @@ def hardware_rig(
     if not cameras.named:
         raise DeviceNotFoundError(
             NAME,
-            f"two cameras must be told apart; set rig.cameras.left.serial and rig.cameras.right.serial ({_there()})",
+            "two cameras must be told apart; set rig.cameras.left.serial and rig.cameras.right.serial "
+            f"({_there(cameras)})",
         )
-    left, right = (_camera(side, cameras) for side in ("left", "right"))
+    left, right = (make_camera(side, cameras) for side in ("left", "right"))
     return RigDevices(left, right, make_projector(projector), calibration)
 
 
@@ -62,18 +90,12 @@ def require_attached(cameras: CamerasConfiguration, projector: LightCrafterConfi
     if projector.connection == "usb" and not _projector_is_on_usb():
         missing = [f"no projector at USB {VENDOR:04x}:{PRODUCT:04x}"]
         try:
-            if find_cameras(cameras.left.library):
+            if cameras.find():
                 return
             missing.append("no camera")
         except DeviceUnavailableError as error:
             missing.append(str(error))
         raise DeviceNotFoundError(NAME, " and ".join(missing))
-
-
-def _camera(side: Side, configuration: CamerasConfiguration) -> Camera:
-    from drivers.aravis.camera import AravisCamera
-
-    return AravisCamera(f"{side} camera", getattr(configuration, side))
 
 
 def _projector_is_on_usb() -> bool:
@@ -83,9 +105,9 @@ def _projector_is_on_usb() -> bool:
         return False
 
 
-def _there() -> str:
+def _there(cameras: CamerasConfiguration) -> str:
     try:
-        found = find_cameras()
+        found = cameras.find()
     except DeviceUnavailableError as error:
         return str(error)
     return "there are: " + (", ".join(f"{camera.model} {camera.serial}" for camera in found) or "none")

@@ -15,7 +15,7 @@ from drivers.errors import (
     DriverError,
 )
 from drivers.genicam.configuration import GenicamConfiguration
-from drivers.genicam.serial_numbers import same_serial
+from drivers.genicam.finding import same_serial
 
 _PERMISSION = ("permission", "access denied", "libusb_error_access", "insufficient")
 _BUSY = ("busy", "claim", "in use", "not-controller", "not controller")

@@ -10,8 +10,7 @@ import time
 
 from drivers.aravis.library import Library, load_library
 from drivers.errors import DeviceNotFoundError
-from drivers.genicam.connection import FoundCamera
-from drivers.genicam.serial_numbers import same_serial
+from drivers.genicam.finding import FoundCamera, pick_camera
 from drivers.gigevision.protocol import CONTROL_PORT, Bootstrap, Command, make_request, parse_answer
 
 _TRIES_S = (0.05, 0.1, 0.2, 0.4)
@@ -32,18 +31,7 @@ def locate(library: Library, device: str, serial: str | None, address: str | Non
         if privilege(address) is None:
             raise DeviceNotFoundError(device, f"no camera answers at {address}; check its cable, power and address")
         return FoundCamera(address, "", serial or "", address, "GigEVision")
-    found = _listed(library)
-    there = ", ".join(f"{camera.model} {camera.serial}" for camera in found) or "none"
-    if serial is None:
-        if len(found) != 1:
-            raise DeviceNotFoundError(device, f"name one camera by its serial number; those that answer: {there}")
-        return found[0]
-    for camera in found:
-        if same_serial(serial, camera.serial):
-            return camera
-    raise DeviceNotFoundError(
-        device, f"no camera with the serial number {serial} answers; those that do: {there}; check cable and power"
-    )
+    return pick_camera(_listed(library), device, serial)
 
 
 def privilege(address: str) -> int | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -19,19 +19,6 @@ _GIGE_IDS = 0xFFFF
 
 class LibraryError(Exception):
     """What a library reports; GenicamCamera turns it into a DriverError."""
-
-
-class FoundCamera(NamedTuple):
-    """id: the library's name for it. address: of IPv4, or the place on the USB.
-
-    protocol: "USB3Vision" or "GigEVision".
-    """
-
-    id: str
-    model: str
-    serial: str
-    address: str
-    protocol: str
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from drivers.errors import (
     DeviceUnavailableError,
 )
 from drivers.genicam import GenicamConfiguration
-from drivers.genicam.serial_numbers import same_serial
+from drivers.genicam.finding import same_serial
 from drivers.gigevision import SimulatedGrasshopper
 
 
