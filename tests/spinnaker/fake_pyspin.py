@@ -171,6 +171,7 @@ class FakeImage:
         self.exposure, self.frame_id, self.name, self.status = exposure, frame_id, name, status
         self._pixels = pixels
         self.releases = 0
+        self.unreadable = False
 
     def GetFrameID(self) -> int:  # noqa: N802
         return self._alive().frame_id
@@ -188,7 +189,7 @@ class FakeImage:
         return self._alive().name
 
     def GetNDArray(self) -> Image:  # noqa: N802
-        if self.status:
+        if self.status or self.unreadable:
             raise SpinnakerException(IO, "Image is incomplete")
         return self._alive()._pixels
 
@@ -202,11 +203,22 @@ class FakeImage:
         return self
 
 
+class FakeImagePointer:
+    """An ImagePtr: all of the image, and one more thing that must not be kept."""
+
+    def __init__(self, image: FakeImage) -> None:
+        self._image = image
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._image, name)
+
+
 class FakeDevice:
     """A camera on its cable, with the hands that a test reaches behind the driver with.
 
-    incomplete: status of the image of a pulse. dropped: pulses whose frames never come. init_error, begin_error:
-    number of the error that Init or BeginAcquisition meets with. removal_error: of GetNextImage without a camera.
+    incomplete: status of the image of a pulse. unreadable: pulses whose images cannot be read. dropped: pulses whose
+    frames never come. init_error, begin_error: number of the error that Init or BeginAcquisition meets with.
+    removal_error: of GetNextImage without a camera.
     """
 
     def __init__(self, serial: str, address: str | None = None) -> None:
@@ -215,6 +227,7 @@ class FakeDevice:
         self.lock = threading.RLock()
         self.incomplete: dict[int, int] = {}
         self.dropped: set[int] = set()
+        self.unreadable: set[int] = set()
         self.init_error = self.begin_error = 0
         self.removal_error = IO
         self.mistakes: list[str] = []
@@ -275,6 +288,7 @@ class FakeDevice:
             pixels = pixels.astype(np.uint16) << 8
         frame_id = exposed.block - (self.address is None)
         image = FakeImage(exposed, frame_id, np.array(pixels), name, self.incomplete.get(exposed.index, 0))
+        image.unreadable = exposed.index in self.unreadable
         if self.stream_nodes.entry("StreamBufferHandlingMode") == "NewestOnly":
             self._give_back(self.queue)
             self.queue = []
@@ -336,8 +350,9 @@ class FakeDevice:
 class FakeCamera:
     """A CameraPtr. A device that went and came back is another one to it."""
 
-    def __init__(self, device: FakeDevice) -> None:
-        self._device, self._nodes = device, device.nodes
+    def __init__(self, device: FakeDevice, pointers: weakref.WeakSet[Any]) -> None:
+        self._device, self._nodes, self._pointers = device, device.nodes, pointers
+        pointers.add(self)
 
     def Init(self) -> None:  # noqa: N802
         if self._device.init_error:
@@ -374,10 +389,12 @@ class FakeCamera:
             return
         raise SpinnakerException(-1002, "Camera is not started")
 
-    def GetNextImage(self, timeout_ms: int) -> FakeImage:  # noqa: N802
+    def GetNextImage(self, timeout_ms: int) -> FakeImagePointer:  # noqa: N802
         if self._device.nodes is not self._nodes or not self._device.acquiring:
             raise SpinnakerException(IO, "Camera is not streaming")
-        return self._device.next_image(timeout_ms)
+        image = FakeImagePointer(self._device.next_image(timeout_ms))
+        self._pointers.add(image)
+        return image
 
     def _there(self) -> FakeDevice:
         if self._device.nodes is not self._nodes or not self._device.plugged:
@@ -387,7 +404,7 @@ class FakeCamera:
 
 class FakeCameraList:
     def __init__(self, module: FakePySpin) -> None:
-        self._cameras = [module.pointer(device) for device in module.devices if device.plugged]
+        self._cameras = [FakeCamera(device, module.pointers) for device in module.devices if device.plugged]
 
     def GetSize(self) -> int:  # noqa: N802
         return len(self._cameras)
@@ -420,13 +437,13 @@ class FakeSystem:
 
 
 class FakePySpin:
-    """What ``import PySpin`` gives. made, released: how often the system was."""
+    """What ``import PySpin`` gives. made, released: how often the system was. pointers: to cameras and images."""
 
     SpinnakerException = SpinnakerException
 
     def __init__(self, *devices: FakeDevice) -> None:
         self.devices = list(devices)
-        self.pointers: weakref.WeakSet[FakeCamera] = weakref.WeakSet()
+        self.pointers: weakref.WeakSet[Any] = weakref.WeakSet()
         self.system: FakeSystem | None = None
         self.made = self.released = self.refused_releases = 0
         self.System = self
@@ -436,11 +453,6 @@ class FakePySpin:
             self.system = FakeSystem(self)
             self.made += 1
         return self.system
-
-    def pointer(self, device: FakeDevice) -> FakeCamera:
-        camera = FakeCamera(device)
-        self.pointers.add(camera)
-        return camera
 
     def IsAvailable(self, node: Any) -> bool:  # noqa: N802
         return bool(node.valid and node.available)

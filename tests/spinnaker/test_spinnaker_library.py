@@ -91,6 +91,19 @@ def test_an_error_that_is_kept_keeps_nothing_of_the_library(pyspin: FakePySpin, 
     assert len(kept) == 3
 
 
+def test_an_image_that_cannot_be_read_is_given_back_too(pyspin: FakePySpin, device: FakeDevice) -> None:
+    camera = camera_of(device)
+    device.unreadable = {0}
+    armed(camera)
+    send(device, 2)
+    try:
+        camera.wait_frame(1.0)
+    except DeviceLostError:
+        camera.close()
+        assert pyspin.released == 1
+    assert [image.releases for image in device.images] == [1, 1]
+
+
 @pytest.mark.parametrize("ending", ["disarm", "close", "unplug"])
 def test_each_image_is_given_back_once(device: FakeDevice, ending: str) -> None:
     """Taken ones, incomplete ones, and those that nobody asked for."""
