@@ -1,29 +1,44 @@
-"""Pattern images for projectors that are loaded with files."""
+"""Pattern images for projectors that are loaded with files, one pattern each."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from models.atomic import atomic_folder
-from models.patterns import LIGHTCRAFTER_4500, FringeParameters, Pattern, PlanName, RasterKind, make_plan
+from models.patterns import (
+    LIGHTCRAFTER_4500,
+    FringeParameters,
+    Pattern,
+    PatternPlan,
+    PlanName,
+    RasterKind,
+    make_plan,
+)
 from models.png import write_png
 
 SCHEMA = "pattern-images/1"
 
 
-def export_patterns(folder: Path, plan: PlanName, kind: RasterKind) -> dict[str, Any]:
-    """Write ``<pattern>.png`` (8-bit, 912x1140) for each pattern of a plan, and ``manifest.json``, which is returned.
+def combined_plan(names: Sequence[PlanName], parameters: FringeParameters | None = None) -> PatternPlan:
+    """One plan with every pattern of the named ones, each once, in the order in which they first come."""
+    patterns = {p.name: p for name in names for p in make_plan(name, parameters).patterns}
+    return PatternPlan(name="+".join(dict.fromkeys(names)), patterns=tuple(patterns.values()))
+
+
+def export_patterns(folder: Path, names: Sequence[PlanName], kind: RasterKind) -> dict[str, Any]:
+    """Write ``<pattern>.png`` (8-bit, 912x1140) for each pattern, and ``manifest.json``, which is returned.
 
     The folder must not exist yet; it appears complete or not at all. Raises DuofringeError otherwise.
     """
     raster = replace(LIGHTCRAFTER_4500, kind=kind)
-    chosen = make_plan(plan, FringeParameters(raster=raster))
+    chosen = combined_plan(names, FringeParameters(raster=raster))
     manifest = {
         "schema": SCHEMA,
-        "plan": plan,
+        "plan": chosen.name,
         "raster": asdict(raster),
         "patterns": [{"file": f"{p.name}.png", **p.model_dump(mode="json")} for p in chosen.patterns],
     }

@@ -30,6 +30,9 @@ COMMANDS = (
     "import",
     "patterns list",
     "patterns export",
+    "projector flash",
+    "projector firmware inspect",
+    "projector firmware build",
     "doctor",
 )
 Run = Callable[..., tuple[int, str, str]]
@@ -77,6 +80,10 @@ class TestExitStatus:
             "simulate --samples 0 --seed 1 --output d",
             "simulate --samples 1 --seed 1 --output d --bits 10",
             "patterns export p --raster hexagon",
+            "patterns export p --raster square",
+            "patterns export p --plan full,everything",
+            "projector firmware build --base b --output o",
+            "projector firmware build --base b --output o --plan full --images i",
         ],
     )
     def test_wrong_usage_is_2(self, run: Run, arguments: str) -> None:
@@ -162,7 +169,9 @@ class TestPatterns:
 
     @pytest.mark.parametrize("kind", ["square", "diamond"])
     def test_exported_images_show_the_pattern_on_every_mirror(self, run: Run, tmp_path: Path, kind: str) -> None:
-        status, out, _ = run("patterns", "export", tmp_path / "p", "--plan", "composite", "--raster", kind, "--json")
+        status, out, _ = run(
+            "patterns", "export", tmp_path / "p", "--plan", "composite", "--format", "png", "--raster", kind, "--json"
+        )
         assert status == 0
         manifest = json.loads((tmp_path / "p" / "manifest.json").read_text())
         assert manifest["raster"] == {"columns": 912, "rows": 1140, "kind": kind}

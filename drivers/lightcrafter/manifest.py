@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +19,11 @@ from models.atomic import atomic_file
 from models.patterns import LIGHTCRAFTER_4500, Pattern, PatternPlan, Raster
 
 MAXIMUM_FLASH_IMAGES = 256
+FIRMWARE_FORMAT: Final = "duofringe-firmware/1"
+"""Of the record beside a firmware file, which has the manifest in it."""
 _LARGEST_FILE = 4_000_000
+_DEPTHS: tuple[tuple[Depth, int], ...] = ((8, planes.PLANES // 8), (1, planes.PLANES))
+"""Bits of a pattern, and how many patterns of so many bits an image takes."""
 
 
 class StoredPattern(BaseModel):
@@ -34,7 +39,7 @@ class StoredPattern(BaseModel):
     @model_validator(mode="after")
     def _it_fits(self) -> StoredPattern:
         planes.lowest_plane(self.number, self.depth)
-        if self.depth == 1 and not (self.pattern.is_gray or self.pattern.is_uniform):
+        if self.depth < _depth(self.pattern):
             raise ValueError(f"pattern {self.pattern.name} has more than two grey levels and is stored with 1 bit")
         return self
 
@@ -93,25 +98,34 @@ class FlashManifest(BaseModel):
 
     @classmethod
     def packed(cls, plan: PatternPlan, first_image: int = 0) -> FlashManifest:
-        """Three 8-bit patterns an image, in green, red and blue; then the two-level patterns, one plane each."""
-        eight = [p for p in plan.patterns if not (p.is_gray or p.is_uniform)]
+        """Three 8-bit patterns an image, in green, red and blue; then the two-level patterns, one plane each.
+
+        Patterns along rows and along columns never share an image: apart, either compresses well and loads fast.
+        """
         places: dict[str, tuple[int, int, Depth]] = {}
-        for k, pattern in enumerate(eight):
-            places[pattern.name] = (first_image + k // 3, k % 3, 8)
-        start = first_image + -(-len(eight) // 3)
-        binary = [p for p in plan.patterns if p.name not in places]
-        for k, pattern in enumerate(binary):
-            places[pattern.name] = (start + k // planes.PLANES, k % planes.PLANES, 1)
+        image = first_image
+        for depth, at_once in _DEPTHS:
+            for row_coded in (False, True):
+                group = [p for p in plan.patterns if _depth(p) == depth and p.is_row_coded == row_coded]
+                for k, pattern in enumerate(group):
+                    places[pattern.name] = (image + k // at_once, k % at_once, depth)
+                image += -(-len(group) // at_once)
         return cls(patterns=tuple(_placed(pattern, places) for pattern in plan.patterns))
 
     @classmethod
     def from_file(cls, path: Path) -> FlashManifest:
-        """Raises DeviceConfigurationError for a file that is missing, damaged or no manifest."""
+        """A manifest, or the one in the record that ``firmware build`` writes.
+
+        Raises DeviceConfigurationError for a file that is missing, damaged or no manifest.
+        """
         try:
             if path.stat().st_size > _LARGEST_FILE:
                 raise ValueError("it is too large")
-            return cls.model_validate_json(path.read_bytes())
-        except (OSError, ValidationError, ValueError) as error:
+            content = json.loads(path.read_bytes())
+            if isinstance(content, dict) and content.get("format") == FIRMWARE_FORMAT:
+                content = content.get("manifest")
+            return cls.model_validate(content)
+        except (OSError, ValidationError, ValueError, RecursionError) as error:
             reason = " ".join(str(error).split())[:300]
             raise DeviceConfigurationError(NAME, "manifest", path, f"the file cannot be used: {reason}") from error
 
@@ -119,6 +133,10 @@ class FlashManifest(BaseModel):
         """Complete under its name, or not there."""
         with atomic_file(path) as partial:
             partial.write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
+
+
+def _depth(pattern: Pattern) -> Depth:
+    return 1 if pattern.is_gray or pattern.is_uniform else 8
 
 
 def _placed(pattern: Pattern, places: Mapping[str, tuple[int, int, Depth]]) -> StoredPattern:

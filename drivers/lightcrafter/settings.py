@@ -32,6 +32,8 @@ class LightCrafterConfiguration(BaseModel):
 
     pacing_s: pause between two reads of a status. settle_s: how long a mode, a stop or a start may take.
     validate_s: how long validation may take; validate_first_s: before its first look. wake_s: from standby.
+
+    allow_flash: whether the projector's flash may be overwritten from here.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -60,6 +62,8 @@ class LightCrafterConfiguration(BaseModel):
     validate_first_s: float = Field(0.1, ge=0, le=5)
     validate_s: float = Field(5.0, gt=0, le=60)
     wake_s: float = Field(2.0, ge=0, le=60)
+
+    allow_flash: bool = False
 
     @model_validator(mode="after")
     def _it_is_possible(self) -> LightCrafterConfiguration:

@@ -8,6 +8,7 @@ line (zeros follow up to a multiple of 4 bytes), [0][1] ends the image (up to a 
 from __future__ import annotations
 
 import struct
+from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
@@ -38,6 +39,16 @@ class Coding(IntEnum):
     FOUR_LINES = 4
 
 
+@dataclass(frozen=True)
+class ImageHeader:
+    """data_bytes: of the coded pixels."""
+
+    columns: int
+    rows: int
+    data_bytes: int
+    coding: Coding
+
+
 def encode_image(image: Pixels) -> bytes:
     """An image (rows, columns, 3) of green, red, blue with its header, in the coding that takes least.
 
@@ -54,16 +65,25 @@ def encode_image(image: Pixels) -> bytes:
     return _with_header(pixels.tobytes(), columns, rows, Coding.RAW)
 
 
-def decode_image(blob: bytes) -> Pixels:
-    """The image (rows, columns, 3) of green, red, blue of a header and what follows it; FirmwareError if damaged."""
+def header_of(blob: bytes) -> ImageHeader:
+    """The header of an image and its pixels; FirmwareError where it cannot be true."""
     if len(blob) < HEADER_BYTES:
         raise FirmwareError(f"an image of the firmware is cut off after {len(blob)} bytes; take a whole file")
     magic, columns, rows, size, _, _, _, form, coding, order, _, _ = _HEADER.unpack_from(blob)
-    if magic != _MAGIC or form != _PIXEL_FORMAT or order != _BYTE_ORDER:
+    if magic != _MAGIC or form != _PIXEL_FORMAT or order != _BYTE_ORDER or coding not in tuple(Coding):
         raise FirmwareError("an image of the firmware has no valid header; take another file")
     if not (0 < columns <= _LARGEST_SIDE and 0 < rows <= _LARGEST_SIDE):
         raise FirmwareError(f"an image of the firmware would have {columns}x{rows} pixels; take another file")
-    data = blob[HEADER_BYTES : HEADER_BYTES + size]
+    if HEADER_BYTES + size > len(blob):
+        raise FirmwareError(f"an image of the firmware has {len(blob)} bytes and says {size}; the file is damaged")
+    return ImageHeader(columns, rows, size, Coding(coding))
+
+
+def decode_image(blob: bytes) -> Pixels:
+    """The image (rows, columns, 3) of green, red, blue of a header and what follows it; FirmwareError if damaged."""
+    header = header_of(blob)
+    columns, rows, coding = header.columns, header.rows, header.coding
+    data = blob[HEADER_BYTES : HEADER_BYTES + header.data_bytes]
     line = 3 * columns
     if coding == Coding.RUNS:
         pixels = _decode_runs(data, columns, rows)
@@ -73,7 +93,9 @@ def decode_image(blob: bytes) -> Pixels:
         stored = np.frombuffer(data, np.uint8).reshape(-1, columns, 3)
         pixels = stored[np.arange(rows) % LINES]
     else:
-        raise FirmwareError(f"an image of the firmware has {len(data)} bytes in coding {coding}; the file is damaged")
+        raise FirmwareError(
+            f"an image of the firmware has {len(data)} bytes in coding {coding.value}; the file is damaged"
+        )
     return np.ascontiguousarray(pixels[..., ::-1])
 
 

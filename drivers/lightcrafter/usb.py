@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import time
+from collections.abc import Iterator
 from typing import Any
 
 import usb.backend
@@ -39,7 +40,7 @@ _ERRORS[errno.EPERM] = _ERRORS[errno.EACCES]
 
 
 class UsbTransport:
-    """Implements Transport. Every write asks for its acknowledgement and reads it.
+    """Implements Transport. Every write but ``post`` asks for its acknowledgement and reads it.
 
     path: bus and ports, "1-2.4"; None takes the only controller there is. backend: of pyusb, None for its own choice.
     """
@@ -122,22 +123,45 @@ class UsbTransport:
                 return
 
     def request(self, command: Command[Any], payload: bytes | None = None) -> bytes:
+        return self._exchange(command, payload or b"", read=payload is None)
+
+    def ask(self, command: Command[Any], argument: bytes) -> bytes:
+        """A read that says what of: as ``request``."""
+        return self._exchange(command, argument, read=True)
+
+    def post(self, command: Command[Any], payload: bytes) -> None:
+        """Write what the controller does not acknowledge. DeviceLostError where it does not take it."""
+        with self._translating(command):
+            self._send(Request(command.usb, self._next_sequence(), payload, acknowledged=False))
+
+    def _exchange(self, command: Command[Any], payload: bytes, *, read: bool) -> bytes:
+        with self._translating(command):
+            sequence = self._next_sequence()
+            self._send(Request(command.usb, sequence, payload, read=read))
+            reply = self._reply(sequence)
+        if reply.refused or (read and not reply.data):
+            raise ProtocolError(NAME, f"refused '{command.name}'")
+        return reply.data
+
+    @contextlib.contextmanager
+    def _translating(self, command: Command[Any]) -> Iterator[None]:
         if self._device is None:
             raise DeviceLostError(NAME, "is not open")
-        self._sequence = self._sequence % 255 + 1
-        request = Request(command.usb, self._sequence, payload or b"", read=payload is None)
-        message = request.encode()
         try:
-            for start in range(0, len(message), REPORT_BYTES):
-                self._out.write(message[start : start + REPORT_BYTES], self._milliseconds(self._timeout_s))
-            reply = self._reply(request.sequence)
+            yield
         except usb.core.USBTimeoutError as error:
             raise DeviceLostError(NAME, f"did not answer '{command.name}' within {self._timeout_s:g} s") from error
         except usb.core.USBError as error:
             raise _translated(error, DeviceLostError) from error
-        if reply.refused or (payload is None and not reply.data):
-            raise ProtocolError(NAME, f"refused '{command.name}'")
-        return reply.data
+
+    def _next_sequence(self) -> int:
+        self._sequence = self._sequence % 255 + 1
+        return self._sequence
+
+    def _send(self, request: Request) -> None:
+        message = request.encode()
+        for start in range(0, len(message), REPORT_BYTES):
+            self._out.write(message[start : start + REPORT_BYTES], self._milliseconds(self._timeout_s))
 
     def _reply(self, sequence: int) -> Reply:
         """The answer with this sequence number; older ones that nobody read are dropped."""

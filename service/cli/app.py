@@ -16,6 +16,7 @@ from service.cli.doctor import register as register_doctor
 from service.cli.evaluate import register as register_evaluate
 from service.cli.import_set import register as register_import
 from service.cli.patterns import register as register_patterns
+from service.cli.projector import register as register_projector
 from service.cli.reconstruct import register as register_reconstruct
 from service.cli.serve import register as register_serve
 from service.cli.simulate import register as register_simulate
@@ -50,6 +51,7 @@ for register in (
     register_simulate,
     register_import,
     register_patterns,
+    register_projector,
     register_doctor,
 ):
     register(app)

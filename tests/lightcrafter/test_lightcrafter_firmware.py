@@ -7,32 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from firmware_files import SPLASH_AT, base_file
 from hypothesis import given
 from hypothesis import strategies as st
 from lightcrafter_benches import MANIFEST, PLAN, quick, usb_transport
 
 from drivers.lightcrafter.emulator.controller import EmulatedController
 from drivers.lightcrafter.emulator.flash import EmulatedFlash
-from drivers.lightcrafter.firmware import BASE_ADDRESS, FirmwareFile, build_firmware
+from drivers.lightcrafter.firmware import FirmwareFile, build_firmware
+from drivers.lightcrafter.flash_table import BASE_ADDRESS
 from drivers.lightcrafter.projector import LightCrafter
 from drivers.lightcrafter.splash import HEADER_BYTES, Coding, FirmwareError, decode_image, encode_image
 from models.errors import DuofringeError
-
-SPLASH_AT = 0x20400
-
-
-def base_file(splash_at: int = SPLASH_AT, images: int = 1) -> bytes:
-    """A file laid out like TI's, with noise for a program and a table of exactly its images."""
-    data = bytearray(np.random.default_rng(1).integers(0, 256, splash_at, dtype=np.uint8).tobytes())
-    struct.pack_into("<4I", data, 0x20000, 0x01234567, BASE_ADDRESS, 0x13, 0)
-    data[0x20010 : 0x20000 + 464] = b"\xff" * 448
-    struct.pack_into("<II", data, 0x20000 + 16 + 20 * 8, BASE_ADDRESS + splash_at, 0xFFFFFFFF)
-    blob = encode_image(np.zeros((8, 8, 3), np.uint8))
-    data += struct.pack("<3I", 0x12345678, 0x87654321, images)
-    first = BASE_ADDRESS + splash_at + 12 + 8 * images
-    for k in range(images):
-        data += struct.pack("<II", first + k * len(blob), len(blob))
-    return bytes(data) + blob * images
 
 
 def coding_of(blob: bytes) -> int:

@@ -108,9 +108,14 @@ def test_a_packed_flash_gives_every_pattern_back(name: str) -> None:
     for stored in manifest.patterns:
         shown = planes.shown(images[stored.image], stored.number, stored.depth)
         assert np.array_equal(shown, stored.pattern.render(SMALL)), stored.pattern.name
-    eight = sum(not (p.is_gray or p.is_uniform) for p in plan.patterns)
-    binary = len(plan) - eight
-    assert manifest.images == -(-eight // 3) + -(-binary // 24)
+    least = 0
+    for row_coded in (False, True):
+        members = [p for p in plan.patterns if p.is_row_coded == row_coded]
+        eight = sum(not (p.is_gray or p.is_uniform) for p in members)
+        least += -(-eight // 3) + -(-(len(members) - eight) // 24)
+    assert manifest.images == least
+    for image in range(manifest.images):
+        assert len({s.pattern.is_row_coded for s in manifest.patterns if s.image == image}) == 1
 
 
 def test_three_fringes_share_an_image_as_green_red_and_blue() -> None:

@@ -21,6 +21,7 @@ from drivers.lightcrafter.console import EMULATED_TAG
 from drivers.lightcrafter.emulator.faults import EmulatedFaults
 from drivers.lightcrafter.emulator.flash import EmulatedFlash
 from drivers.lightcrafter.emulator.light import emitted, led_drive
+from drivers.lightcrafter.emulator.luts import Luts
 from drivers.lightcrafter.emulator.player import Exposure, OnPulse, OnValid, Player, exposures_of
 from drivers.lightcrafter.emulator.registers import DEFAULTS, TICKS_PER_MS
 from drivers.lightcrafter.emulator.validation import validate
@@ -80,7 +81,7 @@ class EmulatedController:
         self._on_valid = on_valid
         self._realtime = realtime
         self._version = version
-        self._quirk = two_image_quirk
+        self._luts = Luts(two_image_quirk=two_image_quirk)
         self._validation_s, self._wake_s = validation_s, wake_s
         self._lock = threading.RLock()
         self._plugged = True
@@ -92,8 +93,7 @@ class EmulatedController:
         self._power = power
         self._awake_at = 0.0
         self._values: dict[Command[Any], Any] = dict(DEFAULTS)
-        self.entries: dict[int, LutEntry] = {}
-        self.indexes: dict[int, int] = {}
+        self._luts.clear()
         self._run = Run.STOP
         self._status = HardwareStatus.INITIALISED
         self._validation = Validation.PATTERN_INVALID
@@ -105,12 +105,26 @@ class EmulatedController:
         self._showing: Exposure | None = None
 
     @property
+    def entries(self) -> dict[int, LutEntry]:
+        return self._luts.entries
+
+    @property
+    def indexes(self) -> dict[int, int]:
+        return self._luts.indexes
+
+    @property
     def plugged(self) -> bool:
+        """Whether it is on its bus."""
         return self._plugged
 
     @property
     def running(self) -> bool:
         return self._run is Run.START
+
+    @property
+    def showing(self) -> Exposure | None:
+        """The pattern of a sequence that stands on the mirrors."""
+        return self._showing
 
     def on_unplug(self, listener: Callable[[], None]) -> None:
         """Call ``listener`` when the controller loses its power."""
@@ -128,14 +142,17 @@ class EmulatedController:
     def plug(self) -> None:
         self._plugged = True
 
-    def handle(self, code: int, payload: bytes | None) -> bytes:
-        """Carry out one command; a read where ``payload`` is None. Raises RefusedError and SilentError."""
+    def handle(self, code: int, payload: bytes | None, argument: bytes = b"") -> bytes:
+        """Carry out one command; a read where ``payload`` is None, which takes no ``argument`` here.
+
+        Raises RefusedError and SilentError.
+        """
         if self.faults.delay_s:
             time.sleep(self.faults.delay_s)
         command = BY_USB.get((code, READ if payload is None else WRITE))
         if not self._plugged or time.monotonic() < self._awake_at or (command and command.name in self.faults.silent):
             raise SilentError
-        if command is None or command.name in self.faults.refused:
+        if command is None or argument or command.name in self.faults.refused:
             raise RefusedError
         if self._power is Power.STANDBY and command not in _IN_STANDBY:
             raise RefusedError
@@ -206,8 +223,7 @@ class EmulatedController:
         self._power = power
 
     def _forget_luts(self) -> None:
-        self.entries.clear()
-        self.indexes.clear()
+        self._luts.clear()
         self._valid = False
 
     def _fill_mailbox(self, payload: bytes) -> None:
@@ -215,28 +231,21 @@ class EmulatedController:
         if box is Mailbox.CLOSED or self.running:
             raise RefusedError
         if box is Mailbox.PATTERNS:
-            for k, entry in enumerate(_decoded(c.PATTERN_ENTRIES, payload)):
-                self.entries[offset + k] = entry
+            self._luts.add_entries(offset, _decoded(c.PATTERN_ENTRIES, payload))
         else:
-            for k, index in enumerate(_decoded(c.IMAGE_INDEXES, payload)):
-                self.indexes[offset + k] = index
+            self._luts.add_indexes(offset, _decoded(c.IMAGE_INDEXES, payload))
         self._valid = False
 
-    def _luts(self) -> tuple[tuple[LutEntry, ...], tuple[int, ...]]:
-        control = self._values[c.LUT_CONTROL]
-        entries = tuple(self.entries[k] for k in range(control.entries) if k in self.entries)
-        images = tuple(self.indexes[k] for k in range(control.images) if k in self.indexes)
-        return entries, images[::-1] if self._quirk and control.images == 2 else images
-
     def _validate(self) -> None:
-        entries, images = self._luts()
-        found = validate(entries, images, self._values[c.TIMING], self._values[c.LUT_CONTROL], len(self.flash))
+        timing, control = self._values[c.TIMING], self._values[c.LUT_CONTROL]
+        entries, images = self._luts.selected(control)
+        found = validate(entries, images, timing, control, len(self.flash))
         self._validation = found | Validation(self.faults.validation)
         errors = self._validation & (Validation.EXPOSURE_INVALID | Validation.PATTERN_INVALID)
         self._valid = not errors and self._values[c.MAILBOX_SELECT] is Mailbox.CLOSED
         self._validated_at = time.monotonic() + self._validation_s
         if self._valid and self._on_valid is not None:
-            exposures = exposures_of(*self._luts(), self._values[c.TIMING], self.flash)
+            exposures = exposures_of(entries, images, timing, self.flash)
             self._examining = threading.Thread(target=self._on_valid, args=(exposures,), daemon=True)
             self._examining.start()
 
@@ -265,7 +274,7 @@ class EmulatedController:
             return
         timing, control = self._values[c.TIMING], self._values[c.LUT_CONTROL]
         self._status = HardwareStatus.INITIALISED
-        exposures = exposures_of(*self._luts(), timing, self.flash)
+        exposures = exposures_of(*self._luts.selected(control), timing, self.flash)
         self._run = Run.START
         if self._realtime:
             self._player = Player(exposures, timing, control, self._pulse, self._end)

@@ -28,3 +28,20 @@ class EmulatedFaults:
     stuck_mode: bool = False
     no_load_times: bool = False
     hardware: int = 0
+
+
+@dataclass(eq=False)
+class BootloaderFaults:
+    """Set from any thread at any time.
+
+    power_lost_after: so many commands are carried out, the next is cut in half and the power goes. wrong_sums: how many
+    checksums come out wrong. stuck: busy for ever. manufacturer: of the flash chip. deaf: what the bootloader does not
+    know gets no answer instead of a refusal. ignored_entries: how many calls for the bootloader are not followed.
+    """
+
+    power_lost_after: int | None = None
+    wrong_sums: int = 0
+    stuck: bool = False
+    manufacturer: int = 0x0020
+    deaf: bool = False
+    ignored_entries: int = 0

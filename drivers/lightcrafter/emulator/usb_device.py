@@ -44,6 +44,7 @@ class EmulatedUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no t
         self.resets = 0
         self.claimed = False
         self.last_sequence = 0
+        self._visit = 0
         controller.on_unplug(self._forget)
 
     def _forget(self) -> None:
@@ -51,6 +52,8 @@ class EmulatedUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no t
             self._reports.clear()
             self._partial = b""
             self.claimed = False
+            self.kernel_driver = True
+            self._visit += 1
             self._ready.notify_all()
 
     def leave_report(self, report: bytes) -> None:
@@ -132,45 +135,46 @@ class EmulatedUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no t
         )
 
     def open_device(self, dev: tuple[int, ...]) -> SimpleNamespace:
-        self._be_there()
+        if not self._controller.plugged:
+            raise _gone()
         if self.denied:
             raise usb.core.USBError("Access denied (insufficient permissions)", -3, errno.EACCES)
-        return SimpleNamespace(dev=dev)
+        return SimpleNamespace(dev=dev, visit=self._visit)
 
     def close_device(self, dev_handle: SimpleNamespace) -> None:
-        self.claimed = False
+        self.claimed = self.claimed and dev_handle.visit != self._visit
 
     def get_configuration(self, dev_handle: SimpleNamespace) -> int:
-        self._be_there()
+        self._be_there(dev_handle)
         return 1
 
     def is_kernel_driver_active(self, dev_handle: SimpleNamespace, intf: int) -> bool:
-        self._be_there()
+        self._be_there(dev_handle)
         return self.kernel_driver
 
     def detach_kernel_driver(self, dev_handle: SimpleNamespace, intf: int) -> None:
-        self._be_there()
+        self._be_there(dev_handle)
         self.kernel_driver = False
 
     def attach_kernel_driver(self, dev_handle: SimpleNamespace, intf: int) -> None:
-        self._be_there()
+        self._be_there(dev_handle)
         self.kernel_driver = True
 
     def claim_interface(self, dev_handle: SimpleNamespace, intf: int) -> None:
-        self._be_there()
+        self._be_there(dev_handle)
         if self.held or self.kernel_driver or self.claimed:
             raise usb.core.USBError("Resource busy", -6, errno.EBUSY)
         self.claimed = True
 
     def release_interface(self, dev_handle: SimpleNamespace, intf: int) -> None:
-        self._be_there()
+        self._be_there(dev_handle)
         self.claimed = False
 
     def reset_device(self, dev_handle: SimpleNamespace) -> None:
         self.resets += 1
 
     def intr_write(self, dev_handle: SimpleNamespace, ep: int, intf: int, data: array.array[int], timeout: int) -> int:
-        self._be_there()
+        self._be_there(dev_handle)
         if ep != _OUT or len(data) != REPORT_BYTES:
             raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
         self._partial += bytes(data)
@@ -182,7 +186,10 @@ class EmulatedUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no t
     def _answer(self, request: Request) -> None:
         self.last_sequence = request.sequence
         try:
-            data = self._controller.handle(request.code, None if request.read else request.payload)
+            if request.read:
+                data = self._controller.handle(request.code, None, request.payload)
+            else:
+                data = self._controller.handle(request.code, request.payload)
             reply = Reply(request.sequence, data)
         except (RefusedError, ProtocolError):
             reply = Reply(request.sequence, refused=True)
@@ -200,7 +207,7 @@ class EmulatedUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no t
         deadline = time.monotonic() + 1e-3 * timeout
         with self._ready:
             while not self._reports:
-                self._be_there()
+                self._be_there(dev_handle)
                 left = deadline - time.monotonic()
                 if left <= 0:
                     raise usb.core.USBTimeoutError("Operation timed out", -7, errno.ETIMEDOUT)
@@ -210,6 +217,11 @@ class EmulatedUsb(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no t
         buff[:size] = array.array("B", report[:size])
         return size
 
-    def _be_there(self) -> None:
-        if not self._controller.plugged:
-            raise usb.core.USBError("No such device (it may have been disconnected)", -4, errno.ENODEV)
+    def _be_there(self, handle: SimpleNamespace) -> None:
+        """A handle lives until the device leaves the bus, even if it comes back."""
+        if not self._controller.plugged or handle.visit != self._visit:
+            raise _gone()
+
+
+def _gone() -> usb.core.USBError:
+    return usb.core.USBError("No such device (it may have been disconnected)", -4, errno.ENODEV)
