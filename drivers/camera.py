@@ -162,6 +162,13 @@ class Camera(Protocol):
         """
         ...
 
+    def check(self) -> None:
+        """Ask the device for a sign of life; does nothing while closed, and changes nothing in any other state.
+
+        Raises DeviceLostError, and the state is FAULT, where none comes.
+        """
+        ...
+
     def wait_frame(self, timeout_s: float) -> Frame:
         """The next frame in order of arrival.
 

@@ -128,8 +128,18 @@ class Projector(Protocol):
         """Show the loaded sequence once; returns at once. Raises ProtocolError or DeviceLostError if it cannot."""
         ...
 
+    def check(self) -> None:
+        """Ask the device for a sign of life; does nothing while closed, and changes nothing in any other state.
+
+        Raises DeviceLostError, and the state is FAULT, where none comes.
+        """
+        ...
+
     def show(self, pattern: Pattern | None) -> None:
-        """Hold one pattern without sending pulses, or None for dark. SequenceInvalidError if it is not stored."""
+        """Hold one pattern, or None for dark. SequenceInvalidError if it is not stored.
+
+        The trigger line may rise once as the pattern appears: no camera may be armed for pulses meanwhile.
+        """
         ...
 
     def stop(self) -> None:

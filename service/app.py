@@ -20,6 +20,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from drivers.registry import make_devices
 from service import problems
 from service.acquisition.orchestrator import Orchestrator, RigNotConnectedError
+from service.acquisition.watch import RigWatch
 from service.authentication import authenticate
 from service.compute import ComputeLane
 from service.context import Service
@@ -53,7 +54,8 @@ def open_service(settings: ServiceSettings) -> Service:
     for warning in devices.warnings:
         logger.warning("%s", warning)
     library = Library.open(settings.library.folder, LibraryLimits(settings.library.minimum_free_bytes))
-    return Service(settings, Orchestrator(devices, settings.acquisition), library, ComputeLane())
+    orchestrator = Orchestrator(devices, settings.acquisition)
+    return Service(settings, orchestrator, library, ComputeLane(), RigWatch(orchestrator))
 
 
 def create_app(service: Service) -> FastAPI:

@@ -8,6 +8,7 @@ from typing import Annotated
 from fastapi import Depends, Request
 
 from service.acquisition.orchestrator import Orchestrator
+from service.acquisition.watch import RigWatch
 from service.compute import ComputeLane
 from service.library import Library
 from service.settings import ServiceSettings
@@ -15,15 +16,17 @@ from service.settings import ServiceSettings
 
 @dataclass(frozen=True, eq=False)
 class Service:
-    """One rig, one library, one compute lane."""
+    """One rig and who looks after it, one library, one compute lane."""
 
     settings: ServiceSettings
     orchestrator: Orchestrator
     library: Library
     compute: ComputeLane
+    watch: RigWatch
 
     def close(self) -> None:
         """Leave the rig safe first, then finish what computes, then let go of the library."""
+        self.watch.close()
         self.orchestrator.close()
         self.compute.close()
         self.library.close()

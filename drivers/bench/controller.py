@@ -20,7 +20,7 @@ class FaultyController(EmulatedController):
         super().__init__(flash, **settings)
         self._planted = faults
 
-    def handle(self, code: int, payload: bytes | None) -> bytes:
+    def handle(self, code: int, payload: bytes | None, argument: bytes = b"") -> bytes:
         starts = code == c.RUN.usb and payload == _START
         loads = code == c.LUT_CONTROL.usb and payload is not None
         if starts and self._planted.spend("start_refused"):
@@ -29,4 +29,4 @@ class FaultyController(EmulatedController):
             self.unplug()
             self.plug()
             raise SilentError
-        return super().handle(code, payload)
+        return super().handle(code, payload, argument)

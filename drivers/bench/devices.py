@@ -24,12 +24,15 @@ def bench_rig(seed: int, scene: int, calibration: Rig | None = None) -> RigDevic
     return devices_of(bench, calibration)
 
 
-def devices_of(bench: VirtualBench, calibration: Rig | None = None) -> RigDevices:
-    """Devices not yet opened: cameras over GigE Vision, the projector over USB."""
+def devices_of(bench: VirtualBench, calibration: Rig | None = None, *, validate_s: float = _VALIDATION_S) -> RigDevices:
+    """Devices not yet opened: cameras over GigE Vision, the projector over USB. They let go of the bench when released.
+
+    validate_s: patience with the controller's validation.
+    """
     left, right = (
         AravisCamera(f"{side} camera", AravisConfiguration.model_validate({"address": bench.addresses[side]}))
         for side in bench.addresses
     )
-    configuration = LightCrafterConfiguration(validate_s=_VALIDATION_S)
+    configuration = LightCrafterConfiguration(validate_s=validate_s)
     projector = LightCrafter(UsbTransport(backend=bench.usb), bench.manifest, configuration)
     return RigDevices(left, right, projector, calibration, bench.source, release=bench.close)

@@ -51,10 +51,9 @@ class Wiring:
                 timer.join()
 
     def on_valid(self, exposures: tuple[Exposure, ...]) -> None:
-        """A sequence was validated: have its images ready before it starts. A pattern that is held needs none."""
+        """A sequence was validated, also that of a pattern to be held: have its images ready before it starts."""
         self._sequence = exposures
-        if exposures[0].dark_us > 0:
-            self._sight.prepare(exposures)
+        self._sight.prepare(exposures)
 
     def on_start(self, side: Side) -> None:
         """A camera began to listen."""

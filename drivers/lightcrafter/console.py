@@ -174,10 +174,12 @@ class Console:
         return ticks / _TICKS_PER_US if ticks else _UNKNOWN_LOAD_US
 
     def upload(self, program: Program) -> Validation:
-        """Send a sequence and validate it; returns the warnings. The sequence before it must have stopped.
+        """Send a sequence and validate it; returns the warnings. Whatever ran before is stopped.
 
         Raises SequenceInvalidError where validation fails.
         """
+        if MainStatus.RUNNING in self.read(c.MAIN_STATUS):
+            self.halt()
         if self.read(c.DISPLAY_MODE) is not Mode.PATTERN:
             self.set_mode(Mode.PATTERN)
         self.write(c.PATTERN_SOURCE, PatternSource.FLASH)

@@ -14,6 +14,7 @@ from drivers.errors import (
     DeviceNotFoundError,
     DeviceStateError,
     DriverError,
+    ProtocolError,
     SequenceInvalidError,
 )
 from drivers.lightcrafter import commands as c
@@ -23,7 +24,7 @@ from drivers.lightcrafter.manifest import FlashManifest, StoredPattern
 from drivers.lightcrafter.sequence import Program, compile_plan, find_stored, hold_program
 from drivers.lightcrafter.settings import LightCrafterConfiguration
 from drivers.lightcrafter.transport import Transport
-from drivers.lightcrafter.values import LedSelect, MainStatus, words
+from drivers.lightcrafter.values import LedSelect, MainStatus, Power, words
 from drivers.projector import (
     LoadedSequence,
     ProjectorInfo,
@@ -42,8 +43,7 @@ class LightCrafter:
     """Implements Projector over a transport.
 
     The controller shows each pattern of a sequence for the same time, and only patterns of the manifest. While a
-    sequence runs ``state`` asks the controller whether it still does. Where ``configuration.hold`` is "sequence" the
-    trigger output goes high when ``show`` begins to hold a pattern: cameras must not be armed for pulses then.
+    sequence runs ``state`` asks the controller whether it still does.
     """
 
     def __init__(self, transport: Transport, manifest: FlashManifest, configuration: LightCrafterConfiguration) -> None:
@@ -167,8 +167,22 @@ class LightCrafter:
                 if not self._ready:
                     self._upload(program)
                 self._ready = False
-                self._console.start(loaded.duration_us)
+                try:
+                    self._console.start(loaded.duration_us)
+                except DriverError:
+                    # it may have started all the same
+                    with suppress(DriverError):
+                        self._console.halt()
+                    raise
                 self._state = ProjectorState.PROJECTING
+
+    def check(self) -> None:
+        with self._lock:
+            if self._state is ProjectorState.FAULT:
+                raise self._wrong_state("show that it is there")
+            if self._state is not ProjectorState.CLOSED:
+                with self._watched():
+                    self._require_awake()
 
     def show(self, pattern: Pattern | None) -> None:
         with self._lock:
@@ -244,12 +258,20 @@ class LightCrafter:
 
     @contextmanager
     def _watched(self) -> Iterator[None]:
-        """A projector that is lost stays so until it is closed."""
+        """A projector that is lost stays so until it is closed. One that refuses may have been sent to standby."""
         try:
-            yield
+            try:
+                yield
+            except ProtocolError:
+                self._require_awake()
+                raise
         except DeviceLostError:
             self._state = ProjectorState.FAULT
             raise
+
+    def _require_awake(self) -> None:
+        if self._console.read(c.POWER) is Power.STANDBY:
+            raise DeviceLostError(NAME, "was sent to standby; close and open it again, which wakes it")
 
     def _require(self, purpose: str, *states: ProjectorState) -> None:
         if self.state is ProjectorState.FAULT:

@@ -47,6 +47,20 @@ class CameraLoss:
             with refused(camera, *_LOST):
                 CALLS[other](camera, trigger)
 
+    @pytest.mark.parametrize("state", [state for state in ALIVE if state is not CameraState.CLOSED], ids=str)
+    def test_a_sign_of_life_is_asked_for_in_vain(self, camera: Camera, bench: CameraBench, state: CameraState) -> None:
+        bring(bench, state)
+        camera.check()
+        assert_state(camera, state)
+        bench.pull()
+        for _ in range(2):
+            with refused(camera, DeviceLostError, keeps_state=False):
+                camera.check()
+            assert_state(camera, CameraState.FAULT)
+        camera.close()
+        camera.check()
+        assert_state(camera, CameraState.CLOSED)
+
     @pytest.mark.parametrize("noticed", [False, True], ids=["unnoticed", "noticed"])
     @pytest.mark.parametrize("state", ALIVE, ids=str)
     def test_disarm_and_close_never_raise(

@@ -34,6 +34,22 @@ class ProjectorLoss:
             with refused(projector, *_LOST):
                 CALLS[other](projector, info)
 
+    @pytest.mark.parametrize("state", [state for state in ALIVE if state is not ProjectorState.CLOSED], ids=str)
+    def test_a_sign_of_life_is_asked_for_in_vain(
+        self, projector: Projector, bench: ProjectorBench, state: ProjectorState
+    ) -> None:
+        bring(projector, state)
+        projector.check()
+        assert_state(projector, state)
+        bench.pull()
+        for _ in range(2):
+            with refused(projector, DeviceLostError, keeps_state=False):
+                projector.check()
+            assert_state(projector, ProjectorState.FAULT)
+        projector.close()
+        projector.check()
+        assert_state(projector, ProjectorState.CLOSED)
+
     def test_no_pulse_comes_from_a_dead_projector(self, projector: Projector, bench: ProjectorBench) -> None:
         bring(projector, ProjectorState.PROJECTING)
         bench.pull()

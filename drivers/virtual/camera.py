@@ -125,6 +125,11 @@ class VirtualCamera:
             assert self._held is not None
             return self._applied(self._held)
 
+    def check(self) -> None:
+        with self._changed:
+            if self._state is CameraState.FAULT:
+                raise self._lost_error()
+
     def _applied(self, held: CameraSettings) -> AppliedSettings:
         pixels = self._bench.source.pixel_format(self._side, held.bit_depth)
         return AppliedSettings(

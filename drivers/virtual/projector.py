@@ -135,6 +135,11 @@ class VirtualProjector:
         self._bench.time.reach(at_us)
         return halt.wait(max(0.0, self._bench.time.comes_s(at_us) - time.monotonic()))
 
+    def check(self) -> None:
+        with self._lock:
+            if self._state is ProjectorState.FAULT:
+                raise self._lost_error()
+
     def show(self, pattern: Pattern | None) -> None:
         with self._lock:
             self._require_idle("hold a pattern")

@@ -14,8 +14,8 @@ from models.capture import Image
 from models.geometry.rig import Side
 from models.patterns import Pattern, make_pattern
 from service.acquisition.cancellation import Cancellation
+from service.acquisition.recorded import RigSettings
 from service.acquisition.request import AssistRequest
-from service.acquisition.sequence import RigSettings
 
 _ROUNDS = 8
 _LIT_SHARE_OF_RANGE = 0.02

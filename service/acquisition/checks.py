@@ -9,10 +9,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from drivers.camera import AppliedSettings, Frame
+from drivers.camera import AppliedSettings, Frame, Trigger
 from drivers.errors import DeviceLostError
 from service.acquisition.finding import Fault, Finding
-from service.acquisition.sequence import RecordedSequence, View
+from service.acquisition.recorded import RecordedSequence, View
 
 _INTERVAL_TOLERANCE = 0.05
 """Of the period; what a device clock may disagree with the pulses."""
@@ -29,15 +29,22 @@ def check_sequence(sequence: RecordedSequence, late_s: float = LATE_S) -> tuple[
     if sequence.error is not None:
         findings.append(Finding(Fault.LOST, sequence.error.device, str(sequence.error)))
     if all(not view.frames and not view.incomplete and view.error is None for view in views):
-        message = (
-            "projector: no camera saw a pulse, the sequence did not start; "
-            "check the lamp, the trigger cable and the trigger's polarity"
-        )
-        return (*findings, Finding(Fault.NOT_STARTED, "projector", message, index=0))
+        return (*findings, _nothing(sequence))
     for view in views:
         findings += _Check(view, sequence).findings()
     findings += _late(sequence, late_s)
     return tuple(findings)
+
+
+def _nothing(sequence: RecordedSequence) -> Finding:
+    if sequence.trigger is Trigger.SOFTWARE:
+        message = "left camera: neither it nor the right camera gave a frame when called; check their links"
+        return Finding(Fault.NO_TRIGGER, "left camera", message, index=0)
+    message = (
+        "projector: no camera saw a pulse, the sequence did not start; "
+        "check the lamp, the trigger cable and the trigger's polarity"
+    )
+    return Finding(Fault.NOT_STARTED, "projector", message, index=0)
 
 
 class _Check:
@@ -48,6 +55,7 @@ class _Check:
         self.plan = sequence.loaded.plan
         self.pulses_ns = 1000 * np.asarray(sequence.loaded.pulses_us)
         self.started_ns = sequence.started_ns
+        self.wired = sequence.trigger is Trigger.HARDWARE_EDGE
 
     def findings(self) -> list[Finding]:
         view, count = self.view, len(self.plan)
@@ -56,7 +64,8 @@ class _Check:
             fault = Fault.LOST if isinstance(view.error, DeviceLostError) else Fault.INCOMPLETE
             return [self._finding(fault, min(arrived, count - 1), str(view.error))]
         if arrived == 0:
-            return [self._finding(Fault.NO_TRIGGER, 0, "saw no pulse; check its trigger cable, line and polarity")]
+            wiring = "saw no pulse; check its trigger cable, line and polarity"
+            return [self._finding(Fault.NO_TRIGGER, 0, wiring if self.wired else "did not take the call to expose")]
         found = [self._finding(Fault.INCOMPLETE, i, f"came damaged ({s})") for i, s in view.incomplete.items()]
         early = [k for k, frame in enumerate(view.frames) if frame.host_ns < self.started_ns]
         if early:
@@ -66,7 +75,7 @@ class _Check:
         elif view.statistics.unclaimed or arrived > count:
             found.append(self._extra())
         elif not found:
-            found += self._numbering() or self._spacing()
+            found += self._numbering() or (self._spacing() if self.wired else [])
         return found + list(self._settings())
 
     def _missing(self) -> Finding:
@@ -75,7 +84,7 @@ class _Check:
         for position, number in enumerate(ids):
             if number != position and not self.view.incomplete:
                 return self._finding(Fault.DROPPED, position, "was exposed but never arrived; check the link's load")
-        gap = self._gap()
+        gap = self._gap() if self.wired else None
         if gap is not None:
             return self._finding(Fault.IGNORED, gap, "was not exposed: the pulse came while the camera was not ready")
         last = len(self.view.frames) + len(self.view.incomplete)

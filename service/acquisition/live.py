@@ -14,7 +14,7 @@ from drivers.projector import ProjectorState
 from models.errors import DuofringeError
 from models.geometry.rig import SIDES, Side
 from models.patterns import Pattern
-from service.acquisition.sequence import RigSettings
+from service.acquisition.recorded import RigSettings
 
 _FRAME_S = 0.5
 _PAUSE_S = 0.5

@@ -18,6 +18,10 @@ class RigBusyError(DuofringeError):
         self.retry_after_s = retry_after_s
 
 
+_BACKGROUND_S = 5.0
+"""Longest wait for work in the background, which is over before anybody could ask again."""
+
+
 class RigLock:
     """A lock that waits briefly instead of hanging a request, and knows what it is held for."""
 
@@ -25,20 +29,25 @@ class RigLock:
         self._lock = threading.Lock()
         self._wait_s = wait_s
         self._holder = ""
+        self._background = False
 
     @property
     def holder(self) -> str | None:
-        """What the rig is held for, or None."""
-        return self._holder or None
+        """What the rig is held for, or None; work in the background does not count."""
+        return None if self._background else self._holder or None
 
     @contextmanager
-    def hold(self, purpose: str) -> Iterator[None]:
-        """Hold the rig for ``purpose``; raises RigBusyError after the short wait."""
-        if not self._lock.acquire(timeout=self._wait_s):
+    def hold(self, purpose: str, *, background: bool = False) -> Iterator[None]:
+        """Hold the rig for ``purpose``; raises RigBusyError after the short wait.
+
+        background: give way to everybody else: take the rig only if it is free, and let others wait until it is again.
+        """
+        wait_s = 0.0 if background else _BACKGROUND_S if self._background else self._wait_s
+        if not self._lock.acquire(blocking=wait_s > 0, timeout=wait_s if wait_s > 0 else -1):
             raise RigBusyError(self._holder or "another request")
-        self._holder = purpose
+        self._holder, self._background = purpose, background
         try:
             yield
         finally:
-            self._holder = ""
+            self._holder, self._background = "", False
             self._lock.release()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from drivers.camera import Camera, CameraSettings, CameraState
 from drivers.devices import RigDevices
@@ -19,16 +19,19 @@ from service.acquisition.cancellation import Cancellation
 from service.acquisition.checks import check_sequence
 from service.acquisition.finding import Fault, Finding
 from service.acquisition.live import LiveView
-from service.acquisition.lock import RigLock
+from service.acquisition.lock import RigBusyError, RigLock
 from service.acquisition.outcome import CaptureOutcome, SequenceRefusedError
 from service.acquisition.plans import PlanError, resolve_plan
 from service.acquisition.record import make_capture
+from service.acquisition.recorded import RecordedSequence, RigSettings
 from service.acquisition.request import AssistRequest, CaptureRequest
-from service.acquisition.sequence import RecordedSequence, RigSettings, record_sequence
+from service.acquisition.sequence import record_sequence
 from service.acquisition.settings import AcquisitionSettings
+from service.acquisition.stepped import record_stepped
 
 _SETTINGS_AT_FAULT = frozenset({Fault.SATURATED, Fault.MODULATION})
 """What another attempt under the same settings would show again."""
+_LOOKING = "looking after the devices"
 
 
 class RigNotConnectedError(DuofringeError):
@@ -94,6 +97,23 @@ class Orchestrator:
         self._close_all()
         self.devices.release()
 
+    def look_after(self) -> None:
+        """Ask idle devices for a sign of life and open lost ones again; does nothing while the rig is in use.
+
+        A device that is found lost, and why it cannot be opened, shows in its state and in ``failures``.
+        """
+        if self.live.running:
+            return
+        with (
+            suppress(RigBusyError, RigNotConnectedError),
+            self._lock.hold(_LOOKING, background=True),
+            self.live.suspended(),
+        ):
+            for device in self._all():
+                with suppress(DriverError):
+                    device.check()
+            self._revive()
+
     def cancel(self) -> bool:
         """Ask the capture or assistant under way to stop; whether there was one."""
         cancellation = self._cancellation
@@ -158,7 +178,8 @@ class Orchestrator:
     ) -> tuple[RecordedSequence | None, AuditReport | None, list[Finding]]:
         """One run of the plan with its checks; the findings are empty when it may be kept."""
         try:
-            sequence = record_sequence(self.devices, plan, settings, cancellation)
+            record = record_stepped if self.acquisition.trigger == "software" else record_sequence
+            sequence = record(self.devices, plan, settings, cancellation)
         except (SequenceInvalidError, DeviceConfigurationError):
             raise
         except DriverError as error:

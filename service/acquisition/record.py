@@ -13,8 +13,8 @@ from models.capture import Capture, CaptureRecord, DeviceRecord, Image, Truth
 from models.geometry.rig import Side
 from service.acquisition.audit import AuditReport
 from service.acquisition.finding import Finding
+from service.acquisition.recorded import RecordedSequence
 from service.acquisition.request import CaptureRequest
-from service.acquisition.sequence import RecordedSequence
 
 
 def make_capture(
@@ -87,6 +87,7 @@ def _settings(sequence: RecordedSequence, report: AuditReport) -> dict[str, Any]
         "exposure_us": left.exposure_us,
         "gain_db": left.gain_db,
         "cameras": cameras,
+        "trigger": str(sequence.trigger),
         "projector": {**sequence.projector.model_dump(), "pulses_us": list(sequence.loaded.pulses_us)},
         "audit": {"statistics": report.statistics, "proven": report.proven},
     }

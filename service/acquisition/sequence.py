@@ -7,18 +7,24 @@ the trigger line, and only then does the projector start. Whatever happens, it e
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 
-from drivers.camera import AppliedSettings, Camera, CameraSettings, EdgeTriggered, Frame, StreamStatistics, Trigger
+from drivers.camera import AppliedSettings, Camera, CameraSettings, EdgeTriggered, Trigger
 from drivers.devices import RigDevices
 from drivers.errors import DeviceConfigurationError, DriverError, FrameTimeoutError, IncompleteFrameError
-from drivers.projector import LoadedSequence, Projector, ProjectorSettings, ProjectorState
-from models.geometry.rig import Side
+from drivers.projector import LoadedSequence, Projector, ProjectorState
 from models.patterns import PatternPlan
 from service.acquisition.cancellation import Cancellation
 from service.acquisition.plans import with_exposure
+from service.acquisition.recorded import (
+    Collected,
+    RecordedSequence,
+    RigSettings,
+    Stopwatch,
+    read_back,
+    require_one_depth,
+    views_of,
+)
 
 _SLICE_S = 0.05
 """Longest wait before a collector looks at the cancellation."""
@@ -29,76 +35,6 @@ _START_S = 1.0
 """Time that a projector may take from the call to its first pulse."""
 
 
-@dataclass(frozen=True)
-class RigSettings:
-    """What the three devices are asked to hold during a sequence."""
-
-    cameras: Mapping[Side, CameraSettings]
-    projector: ProjectorSettings = field(default_factory=ProjectorSettings)
-
-    def with_exposure(self, exposure_us: float | None) -> RigSettings:
-        """The same with both cameras exposing for ``exposure_us``; unchanged for None."""
-        if exposure_us is None:
-            return self
-        cameras = {side: s.model_copy(update={"exposure_us": exposure_us}) for side, s in self.cameras.items()}
-        return RigSettings(cameras, self.projector)
-
-
-@dataclass(frozen=True, eq=False)
-class View:
-    """What one camera delivered in a sequence.
-
-    incomplete: position in order of arrival and the driver's word for it. error: what ended the collecting early.
-    """
-
-    device: str
-    frames: tuple[Frame, ...]
-    incomplete: Mapping[int, str]
-    error: DriverError | None
-    applied: AppliedSettings
-    after: AppliedSettings | None
-    statistics: StreamStatistics
-    first_frame_id: int
-
-
-@dataclass(frozen=True, eq=False)
-class RecordedSequence:
-    """Everything that one run of a plan left behind, good or bad.
-
-    started_ns: ``time.monotonic_ns`` just before the projector started. exposed_ns: when the last exposure was over,
-    from where on the scene may move. timings_s: seconds per step. error: the projector's failure, if any.
-    """
-
-    loaded: LoadedSequence
-    period_us: float
-    views: Mapping[Side, View]
-    started_ns: int
-    exposed_ns: int
-    projector: ProjectorSettings
-    error: DriverError | None = None
-    timings_s: dict[str, float] = field(default_factory=dict)
-
-
-@dataclass
-class _Collected:
-    frames: list[Frame] = field(default_factory=list)
-    incomplete: dict[int, str] = field(default_factory=dict)
-    error: DriverError | None = None
-
-
-class _Stopwatch:
-    """Seconds per step, in order."""
-
-    def __init__(self) -> None:
-        self.timings_s: dict[str, float] = {}
-        self._last = time.perf_counter()
-
-    def lap(self, step: str) -> None:
-        now = time.perf_counter()
-        self.timings_s[step] = now - self._last
-        self._last = now
-
-
 def record_sequence(
     devices: RigDevices, plan: PatternPlan, settings: RigSettings, cancellation: Cancellation
 ) -> RecordedSequence:
@@ -107,12 +43,12 @@ def record_sequence(
     Raises DriverError when a device cannot be configured, loaded, armed or started, and CaptureCancelledError.
     """
     cameras = devices.cameras
-    watch = _Stopwatch()
+    watch = Stopwatch()
     with ThreadPoolExecutor(len(cameras), thread_name_prefix="duofringe-collector") as pool:
         try:
             devices.projector.stop()
             applied = {side: camera.configure(settings.cameras[side]) for side, camera in cameras.items()}
-            _require_one_depth(cameras, applied)
+            require_one_depth(cameras, applied)
             projector_settings = devices.projector.configure(settings.projector)
             watch.lap("configure")
             cancellation.raise_if_requested()
@@ -139,42 +75,20 @@ def record_sequence(
             # an extra frame of a bounced edge is still being read out
             cancellation.wait(max(a.exposure_us for a in applied.values()) / 1e6 + _SETTLE_S)
             watch.lap("expose")
-            after = {side: _read_back(camera) for side, camera in cameras.items()}
+            after = {side: read_back(camera) for side, camera in cameras.items()}
             firsts = {side: camera.info.first_frame_id for side, camera in cameras.items()}
         finally:
             devices.projector.stop()
             statistics = {side: camera.disarm() for side, camera in cameras.items()}
     watch.lap("disarm")
-    views = {
-        side: View(
-            camera.name,
-            tuple(collected[side].frames),
-            collected[side].incomplete,
-            collected[side].error,
-            applied[side],
-            after[side],
-            statistics[side],
-            firsts[side],
-        )
-        for side, camera in cameras.items()
-    }
-    return RecordedSequence(
-        loaded, period_us, views, started_ns, exposed_ns, projector_settings, error, watch.timings_s
-    )
+    views = views_of(cameras, collected, applied, after, statistics, firsts)
+    return RecordedSequence(loaded, views, started_ns, exposed_ns, projector_settings, error, watch.timings_s)
 
 
 def _shortest_period_us(camera: Camera, settings: CameraSettings) -> float:
     if not isinstance(camera, EdgeTriggered):
         raise DeviceConfigurationError(camera.name, "trigger", Trigger.HARDWARE_EDGE, "this camera has no trigger line")
     return camera.min_period_us(settings)
-
-
-def _require_one_depth(cameras: Mapping[Side, Camera], applied: Mapping[Side, AppliedSettings]) -> None:
-    """A capture has one bit depth."""
-    if len({a.bit_depth for a in applied.values()}) > 1:
-        depths = {side: a.bit_depth for side, a in applied.items()}
-        right = cameras["right"].name
-        raise DeviceConfigurationError(right, "bit_depth", depths["right"], f"the left camera has {depths['left']}")
 
 
 class _Patience:
@@ -199,9 +113,9 @@ class _Patience:
         return (until_ns - time.monotonic_ns()) / 1e9
 
 
-def _collect(camera: Camera, patience: _Patience, cancellation: Cancellation) -> _Collected:
+def _collect(camera: Camera, patience: _Patience, cancellation: Cancellation) -> Collected:
     """Take frames in order of arrival until all are there, one is overdue, or the camera fails."""
-    got = _Collected()
+    got = Collected()
     while len(got.frames) + len(got.incomplete) < len(patience) and not cancellation.requested:
         position = len(got.frames) + len(got.incomplete)
         remaining_s = patience.remaining_s(position)
@@ -233,10 +147,3 @@ def _wait_until_dark(
     if projector.state is ProjectorState.FAULT:
         return DriverError(projector.name, "was lost during the sequence; check its cables and connect again")
     return None
-
-
-def _read_back(camera: Camera) -> AppliedSettings | None:
-    try:
-        return camera.read_settings()
-    except DriverError:
-        return None  # the collecting has met the same fault and says so

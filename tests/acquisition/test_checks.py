@@ -14,7 +14,7 @@ from drivers.projector import LoadedSequence, ProjectorSettings
 from models.patterns import make_plan
 from service.acquisition.checks import check_sequence
 from service.acquisition.finding import Fault
-from service.acquisition.sequence import RecordedSequence, View
+from service.acquisition.recorded import RecordedSequence, View
 
 PLAN = make_plan("full")
 PERIOD_US = 10_000.0
@@ -47,7 +47,7 @@ def _sequence(**views: View) -> RecordedSequence:
     pulses = tuple(PERIOD_US * k for k in range(len(PLAN)))
     both = {side: views.get(side) or _view(side, _frames(side)) for side in ("left", "right")}
     loaded = LoadedSequence(PLAN, pulses, PERIOD_US * len(PLAN))
-    return RecordedSequence(loaded, PERIOD_US, both, 1_000_000, 0, ProjectorSettings())  # type: ignore[arg-type]
+    return RecordedSequence(loaded, both, 1_000_000, 0, ProjectorSettings())  # type: ignore[arg-type]
 
 
 def test_a_good_sequence_has_no_findings() -> None:

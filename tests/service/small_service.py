@@ -18,6 +18,7 @@ from drivers.virtual.source import SceneSource
 from models.geometry.rig import Rig
 from service.acquisition.orchestrator import Orchestrator
 from service.acquisition.settings import AcquisitionSettings
+from service.acquisition.watch import RigWatch
 from service.app import create_app
 from service.compute import ComputeLane
 from service.context import Service
@@ -56,7 +57,8 @@ def small_service(
     )
     devices = virtual_rig(source, realtime=realtime, calibration=calibration)
     opened = Library.open(library, LibraryLimits(minimum_free_bytes=0))
-    service = Service(configured, Orchestrator(devices, configured.acquisition), opened, ComputeLane())
+    orchestrator = Orchestrator(devices, configured.acquisition)
+    service = Service(configured, orchestrator, opened, ComputeLane(), RigWatch(orchestrator))
     app = create_app(service)
     warm_up = patch("service.app.warm_up")
     with warm_up, TestClient(app, base_url="http://localhost", raise_server_exceptions=False) as client:
