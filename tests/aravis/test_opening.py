@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections.abc import Callable
@@ -27,11 +28,13 @@ def camera_of(**configuration: object) -> AravisCamera:
     return AravisCamera("left camera", GenicamConfiguration.model_validate(configuration))
 
 
-def test_cameras_that_answer_are_listed(grasshopper: SimulatedGrasshopper, address: Callable[[int], str]) -> None:
-    with SimulatedGrasshopper(address(1), "20497220"):
+def test_cameras_that_answer_are_listed(aravis: None, address: Callable[[int], str]) -> None:
+    """Their serial numbers are no other process's: the library keeps one camera of each."""
+    serials = [f"{os.getpid()}{index}" for index in range(2)]
+    with SimulatedGrasshopper(address(0), serials[0]), SimulatedGrasshopper(address(1), serials[1]):
         found = {camera.serial: camera for camera in find_cameras() if camera.address in (address(0), address(1))}
-    assert set(found) == {"20497219", "20497220"}
-    for index, serial in enumerate(("20497219", "20497220")):
+    assert set(found) == set(serials)
+    for index, serial in enumerate(serials):
         assert found[serial].address == address(index)
         assert found[serial].protocol == "GigEVision"
         assert found[serial].model == "Grasshopper3 GS3-U3-23S6M"
