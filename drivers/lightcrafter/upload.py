@@ -121,7 +121,7 @@ def upload(
         run = _Run(bootloader, path, data, location, report, stopped)
         part = bootloader.identify()
         bootloader.select(part)
-        kept = run.keep(only_images)
+        run.keep(only_images)
         written = run.write()
         report("starting the new firmware", 1.0)
         bootloader.leave()
@@ -134,7 +134,7 @@ def upload(
     if there != images:
         raise FlashError(f"the projector finds {there} images in its flash where {path} has {images}; write it again")
     progress_path(path).unlink(missing_ok=True)
-    return UploadOutcome(location, versions.application, images, written, kept, resumed)
+    return UploadOutcome(location, versions.application, images, written, run.sectors - written, resumed)
 
 
 def _same_place(transport: UsbTransport, location: str) -> None:
@@ -163,8 +163,13 @@ class _Run:
         self._sectors = range(BOOTLOADER_BYTES, len(data), SECTOR_BYTES)
         self._progress = _read_progress(self._path, digest(data), location)
 
-    def keep(self, only_images: bool) -> int:
-        """Find the sectors that need not be written, by their checksums; returns how many."""
+    @property
+    def sectors(self) -> int:
+        """How many the file takes."""
+        return len(self._sectors)
+
+    def keep(self, only_images: bool) -> None:
+        """Find the sectors that need not be written, by their checksums."""
         candidates = set(self._progress.written)
         if only_images:
             candidates |= {at for at in self._sectors if at + SECTOR_BYTES <= self._program_end}
@@ -174,7 +179,6 @@ class _Run:
             if self._agrees(at):
                 kept.append(at)
         self._note(erased=(), written=kept)
-        return len(kept)
 
     def write(self) -> int:
         """Bring every other sector into place, the one with the flash table last; returns how many."""

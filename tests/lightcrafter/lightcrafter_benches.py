@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from drivers.lightcrafter.serial import SerialTransport
 from drivers.lightcrafter.settings import LightCrafterConfiguration
 from drivers.lightcrafter.transport import Transport
 from drivers.lightcrafter.usb import UsbTransport
+from drivers.projector import ProjectorState
 from models.patterns import FringeParameters, Raster, make_plan
 
 PARAMETERS = FringeParameters(exposure_us=8333.0)
@@ -26,6 +28,8 @@ PLAN = make_plan("full", PARAMETERS)
 MANIFEST = FlashManifest.packed(PLAN)
 SMALL = Raster(40, 24, "diamond")
 """Mirrors of an emulated controller that is made often."""
+SLOW = PLAN.restricted_to(["white", "high_00", "high_01", "gray_00"])
+Made = tuple[LightCrafter, EmulatedController]
 BRIDGES = {"usb-iss": (UsbIss, EmulatedUsbIss), "bus-pirate": (BusPirate, EmulatedBusPirate)}
 
 
@@ -60,3 +64,16 @@ def serial_port(
         yield SerialTransport(str(port.path), ours(), timeout_s=1.0, pacing_s=0.0), port
     finally:
         port.unplug()
+
+
+def wait_until(condition: Callable[[], bool], patience_s: float = 2.0) -> bool:
+    deadline = time.monotonic() + patience_s
+    while not condition():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.002)
+    return True
+
+
+def wait_for_end(projector: LightCrafter) -> None:
+    assert wait_until(lambda: projector.state is ProjectorState.LOADED)
