@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from drivers.errors import DeviceStateError
 from drivers.lightcrafter import commands as c
 from drivers.lightcrafter.commands import NAME
-from drivers.lightcrafter.console import OLDEST_FIRMWARE
 from drivers.lightcrafter.projector import LightCrafter
 from drivers.lightcrafter.settings import LedLimits
 from drivers.lightcrafter.values import HardwareStatus, Release, words
@@ -35,10 +34,6 @@ class ProjectorReport:
     needed_images: int
     drive: LedLimits
     limits: LedLimits
-
-    @property
-    def firmware_too_old(self) -> bool:
-        return self.firmware < OLDEST_FIRMWARE
 
     @property
     def over_limit(self) -> tuple[str, ...]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from service.diagnosis.computer import computer
-from service.diagnosis.host import host
-from service.diagnosis.library import library
-from service.diagnosis.rig import rig
+from service.diagnosis.computer import examine_computer
+from service.diagnosis.host import examine_host
+from service.diagnosis.library import examine_library
+from service.diagnosis.rig import examine_rig
 from service.diagnosis.symptom import Symptom
 from service.settings import ServiceSettings
 
@@ -23,9 +23,9 @@ def examine(settings: ServiceSettings, *, exposure: bool = True, root: Path = Pa
     """
 
     def symptoms() -> Iterator[Symptom]:
-        yield from computer()
-        yield from library(settings)
-        yield from host(settings.rig, root)
-        yield from rig(settings, exposure=exposure)
+        yield from examine_computer()
+        yield from examine_library(settings)
+        yield from examine_host(settings.rig, root)
+        yield from examine_rig(settings, exposure=exposure)
 
     return tuple(symptoms())

@@ -12,7 +12,7 @@ from service.diagnosis.symptom import Symptom
 _LITTLE_MEMORY_BYTES = 2 << 30
 
 
-def computer() -> Iterator[Symptom]:
+def examine_computer() -> Iterator[Symptom]:
     yield Symptom("python", "ok", f"{platform.python_version()} on {platform.system()} {platform.machine()}")
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1

@@ -51,19 +51,13 @@ def _projector(projector: LightCrafter) -> Iterator[Symptom]:
     except DriverError as error:
         yield Symptom("projector status", "fault", str(error), "switch it off and on, then run this again")
         return
-    yield _firmware(report)
+    yield Symptom("projector firmware", "ok", str(report.firmware))  # an older one than works is not opened
     if report.faults:
         yield Symptom("projector status", "warning", report.faults, "switch it off and on; look at lamp and DMD cable")
     else:
         yield Symptom("projector status", "ok", f"initialised, no error, at {report.location}")
     yield _leds(report)
     yield _flash(report)
-
-
-def _firmware(report: ProjectorReport) -> Symptom:
-    if report.firmware_too_old:
-        return Symptom("projector firmware", "fault", str(report.firmware), "write 3.0.0 or later with TI's GUI")
-    return Symptom("projector firmware", "ok", str(report.firmware))
 
 
 def _leds(report: ProjectorReport) -> Symptom:
@@ -79,11 +73,10 @@ def _leds(report: ProjectorReport) -> Symptom:
 
 
 def _flash(report: ProjectorReport) -> Symptom:
+    """More images than the manifest counts on do no harm."""
     subject = "projector flash"
     text = f"{report.flash_images} images, the manifest needs {report.needed_images}"
-    remedy = "write the firmware that belongs to the manifest, or name the manifest that belongs to the firmware"
     if report.flash_images < report.needed_images:
+        remedy = "write the firmware that belongs to the manifest, or name the manifest that belongs to the firmware"
         return Symptom(subject, "fault", text, remedy)
-    if report.flash_images > report.needed_images:
-        return Symptom(subject, "warning", text, remedy)
     return Symptom(subject, "ok", text)

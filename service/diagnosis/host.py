@@ -31,7 +31,7 @@ _MORE_MEMORY = (
 )
 
 
-def host(rig: RigConfiguration, root: Path) -> Iterator[Symptom]:
+def examine_host(rig: RigConfiguration, root: Path) -> Iterator[Symptom]:
     """Nothing for rigs that need nothing of it. "auto" is hardware once any of it is on the bus."""
     cameras, projectors = attached(CAMERA, root), attached(PROJECTOR, root)
     hardware = rig.driver == "hardware" or (rig.driver == "auto" and bool(cameras or projectors))
@@ -47,8 +47,8 @@ def host(rig: RigConfiguration, root: Path) -> Iterator[Symptom]:
         yield from map(_speed, cameras)
     if hardware and rig.projector.connection == "usb":
         yield from _access("projector", PROJECTOR, projectors, root)
-    elif hardware and rig.projector.port is not None:
-        yield _port(root / rig.projector.port.lstrip("/"))
+    elif hardware and (rig.projector.port or "").startswith("/"):
+        yield _port(root / str(rig.projector.port).lstrip("/"))
 
 
 def _may_be_on_usb(cameras: CamerasConfiguration) -> bool:

@@ -10,7 +10,7 @@ from service.diagnosis.symptom import Symptom
 from service.settings import ServiceSettings
 
 
-def library(settings: ServiceSettings) -> Iterator[Symptom]:
+def examine_library(settings: ServiceSettings) -> Iterator[Symptom]:
     folder = settings.library.folder
     existing = next((path for path in (folder, *folder.absolute().parents) if path.exists()), folder)
     if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):

@@ -12,11 +12,11 @@ from service.acquisition.outcome import SequenceRefusedError
 from service.acquisition.request import CaptureRequest
 from service.diagnosis.hardware import examine_hardware, is_wired
 from service.diagnosis.symptom import Symptom
-from service.diagnosis.wiring import wiring
+from service.diagnosis.wiring import examine_wiring
 from service.settings import ServiceSettings
 
 
-def rig(settings: ServiceSettings, *, exposure: bool) -> Iterator[Symptom]:
+def examine_rig(settings: ServiceSettings, *, exposure: bool) -> Iterator[Symptom]:
     try:
         devices = make_devices(settings.rig)
     except DuofringeError as error:
@@ -36,7 +36,7 @@ def _devices(orchestrator: Orchestrator, *, exposure: bool) -> Iterator[Symptom]
         orchestrator.connect()
     except RigNotConnectedError as error:
         for name, failure in error.failures.items():
-            yield Symptom(name, "fault", failure, "check cable, power and permissions, then run this again")
+            yield Symptom(name, "fault", failure, "mend what is named; else look at cable, power and permissions")
         return
     devices = orchestrator.devices
     for device in (devices.left, devices.right, devices.projector):
@@ -51,7 +51,7 @@ def _devices(orchestrator: Orchestrator, *, exposure: bool) -> Iterator[Symptom]
 
 def _in_the_light(orchestrator: Orchestrator) -> Iterator[Symptom]:
     """A capture over a trigger line that is known to be broken would only say the same again."""
-    wires = list(wiring(orchestrator.devices, orchestrator.settings)) if is_wired(orchestrator.devices) else []
+    wires = list(examine_wiring(orchestrator)) if is_wired(orchestrator.devices) else []
     yield from wires
     if all(symptom.state != "fault" for symptom in wires):
         yield _test_exposure(orchestrator)

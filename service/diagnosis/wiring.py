@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from drivers.devices import RigDevices
 from drivers.errors import DriverError
 from models.geometry.rig import Side
-from service.acquisition.sequence import RigSettings
+from service.acquisition.orchestrator import Orchestrator
 from service.acquisition.wiring import LineCount, WiringCount, count_pulses
 from service.diagnosis.symptom import Symptom
 
 SUBJECT = "trigger wiring"
 
 
-def wiring(devices: RigDevices, settings: RigSettings) -> Iterator[Symptom]:
-    """Counts pulses over a short sequence and judges the count."""
+def examine_wiring(orchestrator: Orchestrator) -> Iterator[Symptom]:
+    """Count pulses over a short sequence, under the settings that captures use, and judge the count."""
     try:
-        counted = count_pulses(devices, settings)
+        counted = count_pulses(orchestrator.devices, orchestrator.settings)
     except DriverError as error:
         yield Symptom(SUBJECT, "fault", str(error), "mend what is named and run this again")
     else:
