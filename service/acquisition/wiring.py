@@ -13,7 +13,8 @@ from drivers.errors import FrameTimeoutError, IncompleteFrameError
 from models.geometry.rig import Side
 from models.patterns import PatternPlan, make_plan
 from service.acquisition.cancellation import Cancellation
-from service.acquisition.sequence import RigSettings, View, record_sequence
+from service.acquisition.recorded import RigSettings, View
+from service.acquisition.sequence import record_sequence
 
 _PULSES = 8
 _LISTEN_S = 0.3
