@@ -82,7 +82,10 @@ def loaded_library(path: str | None = None) -> LoadedLibrary:
 
 
 def examine_camera(camera: GenicamCamera) -> CameraLink:
-    """The link of an open camera, whatever library reaches it. Raises DeviceStateError while it is closed, DeviceLostError where it is gone."""
+    """The link of an open camera, whatever library reaches it.
+
+    Raises DeviceStateError while it is closed, DeviceLostError where it is gone.
+    """
     with camera._lock:
         connection = camera._connection
         if connection is None or camera.state is CameraState.FAULT:
