@@ -9,7 +9,7 @@ from pathlib import Path
 from drivers.bench.controller import FaultyController
 from drivers.bench.sight import Sight
 from drivers.bench.wiring import Wiring
-from drivers.gigevision import SimulatedGrasshopper
+from drivers.gigevision import SimulatedGrasshopper, TriggerFaults
 from drivers.lightcrafter.emulator.flash import EmulatedFlash
 from drivers.lightcrafter.emulator.i2c_device import EmulatedUsbIss, I2cSlave
 from drivers.lightcrafter.emulator.player import Exposure
@@ -79,9 +79,26 @@ class VirtualBench:
         """Have a fault from the next sequence on."""
         self.faults.plant(fault)
 
-    def clear_faults(self) -> None:
-        """All that were planted and have not struck."""
+    def mend(self) -> None:
+        """Undo everything that was made to go wrong; whatever is unplugged is plugged in, as after switching on."""
         self.faults.clear()
+        self.wiring.inverted.clear()
+        self.wiring.cut.clear()
+        self.projector.mend()
+        self.plug_projector()
+        for camera in self.cameras.values():
+            camera.plan_faults(TriggerFaults())
+            if camera.unplugged:
+                camera.plug()
+
+    def unplug_projector(self) -> None:
+        """No power, on whatever port it is."""
+        self.projector.unplug()
+
+    def plug_projector(self) -> None:
+        """Power again, if there was none."""
+        if not self.projector.plugged:
+            self.projector.plug()
 
     def open_serial_port(self, path: Path) -> EmulatedSerialPort:
         """A USB-ISS at ``path`` that leads to the projector's I2C, until the bench is closed."""

@@ -6,8 +6,9 @@ from typing import Any
 
 from drivers.lightcrafter import commands as c
 from drivers.lightcrafter.emulator.controller import EmulatedController, RefusedError, SilentError
+from drivers.lightcrafter.emulator.faults import EmulatedFaults
 from drivers.lightcrafter.emulator.flash import EmulatedFlash
-from drivers.lightcrafter.values import Run
+from drivers.lightcrafter.values import Power, Run
 from drivers.virtual.faults import Faults
 
 _START = bytes([Run.START])
@@ -19,6 +20,22 @@ class FaultyController(EmulatedController):
     def __init__(self, flash: EmulatedFlash, faults: Faults, **settings: Any) -> None:
         super().__init__(flash, **settings)
         self._planted = faults
+
+    def mend(self) -> None:
+        """Do everything right again, awake."""
+        self.faults = EmulatedFaults()
+        if self.sleeping:
+            self.unplug()
+            self.plug()
+
+    @property
+    def sleeping(self) -> bool:
+        """Whether it is in standby."""
+        return super().handle(c.POWER.usb, None) == c.POWER.encode(Power.STANDBY) if self.plugged else False
+
+    def sleep(self) -> None:
+        """As if somebody else had sent it to standby."""
+        super().handle(c.POWER.usb, c.POWER.encode(Power.STANDBY))
 
     def handle(self, code: int, payload: bytes | None, argument: bytes = b"") -> bytes:
         starts = code == c.RUN.usb and payload == _START

@@ -2,37 +2,51 @@
 
 from __future__ import annotations
 
-from drivers.aravis.camera import AravisCamera
-from drivers.aravis.configuration import AravisConfiguration
+from drivers.aravis import AravisCamera
 from drivers.bench.bench import VirtualBench
 from drivers.devices import RigDevices
+from drivers.errors import DeviceUnavailableError
+from drivers.genicam import GenicamConfiguration
+from drivers.lightcrafter.manifest import FlashManifest
 from drivers.lightcrafter.projector import LightCrafter
 from drivers.lightcrafter.settings import LightCrafterConfiguration
 from drivers.lightcrafter.usb import UsbTransport
-from models.geometry.rig import Rig
+from models.geometry.rig import SIDES, Rig, Side
 
-_VALIDATION_S = 60.0
+NAME = "virtual bench"
+PROJECTOR = LightCrafterConfiguration(validate_s=60.0)
 """The bench makes the images of a sequence while the controller is busy with validation."""
 
 
 def bench_rig(seed: int, scene: int, calibration: Rig | None = None) -> RigDevices:
-    """A rig on a bench of its own, which goes when the devices are let go of.
+    """A rig on a bench of its own, which is taken down when the devices are let go of.
 
-    Raises DeviceUnavailableError where the bench cannot be set up.
+    Raises DeviceUnavailableError where its cameras cannot be put on the network.
     """
-    bench = VirtualBench(seed, scene)
+    try:
+        bench = VirtualBench(seed, scene)
+    except OSError as error:
+        raise DeviceUnavailableError(NAME, f"its cameras find no place on the loopback network: {error}") from error
     return devices_of(bench, calibration)
 
 
-def devices_of(bench: VirtualBench, calibration: Rig | None = None, *, validate_s: float = _VALIDATION_S) -> RigDevices:
-    """Devices not yet opened: cameras over GigE Vision, the projector over USB. They let go of the bench when released.
+def devices_of(
+    bench: VirtualBench,
+    calibration: Rig | None = None,
+    *,
+    manifest: FlashManifest | None = None,
+    configuration: LightCrafterConfiguration = PROJECTOR,
+) -> RigDevices:
+    """Devices not yet opened: cameras over GigE Vision, the projector over USB. Released, they take the bench down.
 
-    validate_s: patience with the controller's validation.
+    manifest: what the driver believes to be in flash, the truth where None. configuration: of the projector's driver.
     """
-    left, right = (
-        AravisCamera(f"{side} camera", AravisConfiguration.model_validate({"address": bench.addresses[side]}))
-        for side in bench.addresses
-    )
-    configuration = LightCrafterConfiguration(validate_s=validate_s)
-    projector = LightCrafter(UsbTransport(backend=bench.usb), bench.manifest, configuration)
+    left, right = (_camera(bench, side) for side in SIDES)
+    projector = LightCrafter(UsbTransport(backend=bench.usb), manifest or bench.manifest, configuration)
     return RigDevices(left, right, projector, calibration, bench.source, release=bench.close)
+
+
+def _camera(bench: VirtualBench, side: Side) -> AravisCamera:
+    width, height = bench.source.camera_info(side).size
+    reached = {"address": bench.addresses[side], "width": width, "height": height}
+    return AravisCamera(f"{side} camera", GenicamConfiguration.model_validate(reached))

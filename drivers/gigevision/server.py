@@ -114,6 +114,11 @@ class SimulatedGrasshopper:
         """Answer nothing and send nothing until ``plug``."""
         self._body.die()
 
+    @property
+    def unplugged(self) -> bool:
+        """Whether it is silent, by ``unplug`` or by a fault."""
+        return self._body.dead
+
     def plug(self, *, kept_power: bool = False) -> None:
         """Be there again, freshly switched on; or with all that it held, where only the network was gone."""
         if kept_power:

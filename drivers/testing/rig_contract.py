@@ -93,16 +93,6 @@ class RigContract:
         counts = [camera.disarm().unclaimed for camera in ready.cameras.values()]
         assert counts[0] == counts[1] <= len(loaded.plan)
 
-    def test_a_held_pattern_triggers_no_camera(self, ready: RigDevices) -> None:
-        pattern = showable(ready.projector.info, 1).patterns[0]
-        for camera in ready.cameras.values():
-            camera.arm(1, Trigger.HARDWARE_EDGE)
-        ready.projector.show(pattern)
-        ready.projector.show(None)
-        for camera in ready.cameras.values():
-            with refused(camera, FrameTimeoutError):
-                camera.wait_frame(0.05)
-
     def test_frames_show_their_patterns(self, ready: RigDevices) -> None:
         """White is brighter than black, in a sequence and held."""
         everything = showable(ready.projector.info, ready.projector.info.limits.patterns)

@@ -10,6 +10,7 @@ import typer
 
 from models.errors import DuofringeError
 from service.cli import console
+from service.cli.bench import register as register_bench
 from service.cli.capture import register as register_capture
 from service.cli.demo import register as register_demo
 from service.cli.doctor import register as register_doctor
@@ -52,6 +53,7 @@ for register in (
     register_import,
     register_patterns,
     register_projector,
+    register_bench,
     register_doctor,
 ):
     register(app)

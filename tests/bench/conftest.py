@@ -1,0 +1,51 @@
+"""A small virtual bench that all tests of a file share: each fault has to leave it usable."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import pytest
+from bench_rig import IMPATIENT, Bench
+from small_rig import simulated_source
+
+from drivers.aravis.library import load_library
+from drivers.bench import VirtualBench
+from drivers.bench.devices import devices_of
+from drivers.errors import DeviceUnavailableError
+from service.acquisition.orchestrator import Orchestrator
+from service.acquisition.request import CaptureRequest
+from service.acquisition.settings import AcquisitionSettings
+
+
+@pytest.fixture(scope="session")
+def aravis() -> None:
+    """The library; in CI its absence is a failure."""
+    try:
+        load_library("camera")
+    except DeviceUnavailableError as error:
+        if os.environ.get("CI") == "true":
+            pytest.fail(str(error))
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="module")
+def bench(aravis: None) -> Iterator[Bench]:
+    """Warm, so that no test waits for rays to be cast."""
+    virtual = VirtualBench(source=simulated_source())
+    devices = devices_of(virtual, configuration=IMPATIENT)
+    # what is late because the machine is busy is another test's
+    orchestrator = Orchestrator(devices, AcquisitionSettings(retakes=1, late_s=0.3))
+    assert virtual.source.truth is not None
+    orchestrator.connect()
+    orchestrator.capture(CaptureRequest(plan="full"))
+    yield Bench(virtual, devices, orchestrator)
+    orchestrator.close()
+
+
+@pytest.fixture(autouse=True)
+def mended(request: pytest.FixtureRequest) -> Iterator[None]:
+    """What one test leaves must not fail the next."""
+    yield
+    if "bench" in request.fixturenames:
+        request.getfixturevalue("bench").virtual.mend()
