@@ -19,8 +19,9 @@ TABLE_IMAGES = 256
 COLUMNS, ROWS = 912, 1140
 TABLE_BYTES = 464
 UNUSED = 0xFFFFFFFF
-_SIGNATURE = 0x01234567
-_TABLE_HEAD = struct.Struct("<4I")
+SIGNATURE = (0x01234567).to_bytes(4, "little")
+"""First bytes of the flash table."""
+_TABLE_HEAD = struct.Struct("<4s3I")
 _PARTS = (
     ("AppCode", 4),
     ("ASIC", 4),
@@ -66,7 +67,7 @@ class FlashTable:
         if len(data) < BOOTLOADER_BYTES + TABLE_BYTES:
             raise FirmwareError(f"{len(data)} bytes are no firmware of a LightCrafter 4500")
         signature, boot, version, free = _TABLE_HEAD.unpack_from(data, BOOTLOADER_BYTES)
-        if signature != _SIGNATURE:
+        if signature != SIGNATURE:
             raise FirmwareError("the file has no flash table at 0x20000; it is no firmware of a LightCrafter 4500")
         if boot != BASE_ADDRESS:
             raise FirmwareError(f"the firmware's flash table begins at 0x{boot:08X}; it is damaged or of another board")

@@ -26,7 +26,7 @@ from drivers.lightcrafter.bootloader import (
 )
 from drivers.lightcrafter.firmware import LARGEST_FILE, FirmwareFile, read_firmware
 from drivers.lightcrafter.firmware_record import DIGEST, digest, read_record
-from drivers.lightcrafter.flash_table import BOOTLOADER_BYTES
+from drivers.lightcrafter.flash_table import BOOTLOADER_BYTES, SIGNATURE
 from drivers.lightcrafter.splash import FirmwareError
 from drivers.lightcrafter.transport import read
 from drivers.lightcrafter.usb import UsbTransport
@@ -38,7 +38,6 @@ Report = Callable[[str, float], None]
 _SUM_MODULUS = 1 << 32
 _ATTEMPTS = 2
 _TABLE = BOOTLOADER_BYTES
-_SIGNATURE_BYTES = 4
 _LARGEST_RECORD = 1_000_000
 
 
@@ -121,6 +120,8 @@ def upload(
         run = _Run(bootloader, path, data, location, report, stopped)
         part = bootloader.identify()
         bootloader.select(part)
+        if not resumed:
+            _rehearse(bootloader)
         run.keep(only_images)
         written = run.write()
         report("starting the new firmware", 1.0)
@@ -135,6 +136,15 @@ def upload(
         raise FlashError(f"the projector finds {there} images in its flash where {path} has {images}; write it again")
     progress_path(path).unlink(missing_ok=True)
     return UploadOutcome(location, versions.application, images, written, run.sectors - written, resumed)
+
+
+def _rehearse(bootloader: Bootloader) -> None:
+    """Sum bytes that are known, while nothing is erased yet: a projector that ran has the signature of its table."""
+    if bootloader.checksum(_TABLE, len(SIGNATURE)) != sum(SIGNATURE):
+        raise FlashError(
+            "the bootloader does not find the flash table of the firmware that ran, so it may not understand what it "
+            "is told; nothing was erased; switch the projector off and on, and write the firmware with TI's GUI"
+        )
 
 
 def _same_place(transport: UsbTransport, location: str) -> None:
@@ -193,9 +203,9 @@ class _Run:
             self._erase(at)
             self._fill(at, self._content(at))
             self._note(erased=[e for e in self._progress.erased if e != at], written=[*self._progress.written, at])
-        self._fill(_TABLE + _SIGNATURE_BYTES, self._content(_TABLE)[_SIGNATURE_BYTES:])
-        self._verify(_TABLE + _SIGNATURE_BYTES)
-        self._bootloader.write(_TABLE, self._content(_TABLE)[:_SIGNATURE_BYTES])
+        self._fill(_TABLE + len(SIGNATURE), self._content(_TABLE)[len(SIGNATURE) :])
+        self._verify(_TABLE + len(SIGNATURE))
+        self._bootloader.write(_TABLE, self._content(_TABLE)[: len(SIGNATURE)])
         try:
             self._verify(_TABLE)
         except FlashError:

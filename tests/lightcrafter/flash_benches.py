@@ -7,7 +7,7 @@ from pathlib import Path
 
 from firmware_files import firmware
 
-from drivers.lightcrafter.bootloader import BootloaderTimes
+from drivers.lightcrafter.bootloader import SECTOR_BYTES, BootloaderTimes, enter
 from drivers.lightcrafter.emulator.bootloader import EmulatedBootloader
 from drivers.lightcrafter.emulator.programmable import ProgrammableController
 from drivers.lightcrafter.emulator.usb_device import EmulatedUsb
@@ -46,6 +46,12 @@ class FlashBench:
     def transport(self, timeout_s: float = 0.2) -> UsbTransport:
         return UsbTransport(timeout_s=timeout_s, backend=self.bus)
 
+    def wait_in_bootloader(self) -> None:
+        """As after an upload that was cut off before it erased anything."""
+        transport = self.transport()
+        enter(transport, QUICK)
+        transport.close()
+
     def upload(self, times: BootloaderTimes = QUICK, **settings: object) -> UploadOutcome:
         return upload(self.file, self.transport(), times=times, **settings)  # type: ignore[arg-type]
 
@@ -57,9 +63,7 @@ class FlashBench:
 
     def touched(self, kind: str) -> list[int]:
         """Sectors in the order in which they were erased or written, without repetition in a row."""
-        sectors = [
-            touch.start // BOOTLOADER_BYTES * BOOTLOADER_BYTES for touch in self.bootloader.log if touch.kind == kind
-        ]
+        sectors = [touch.start // SECTOR_BYTES * SECTOR_BYTES for touch in self.bootloader.log if touch.kind == kind]
         return [s for k, s in enumerate(sectors) if k == 0 or sectors[k - 1] != s]
 
     def assert_bootloader_untouched(self) -> None:

@@ -217,10 +217,12 @@ def test_a_stop_is_between_messages_and_can_be_taken_up(make: Bench) -> None:
 
 def test_a_wrong_checksum_is_tried_once_more_and_then_told(make: Bench) -> None:
     bench = make()
+    bench.wait_in_bootloader()
     bench.bootloader.faults.wrong_sums = 1
     bench.upload()
     assert bench.holds_the_file
     bench = make()
+    bench.wait_in_bootloader()
     bench.bootloader.faults.wrong_sums = 2
     with pytest.raises(FlashError, match=r"checksum at 0x40000 is wrong after 2 tries.*virtual machine"):
         bench.upload()
@@ -229,7 +231,7 @@ def test_a_wrong_checksum_is_tried_once_more_and_then_told(make: Bench) -> None:
     assert bench.holds_the_file
 
 
-@pytest.mark.parametrize("wrong_from", [len(SECTORS) + 1, len(SECTORS) + 2])
+@pytest.mark.parametrize("wrong_from", [len(SECTORS) + 2, len(SECTORS) + 3])
 def test_a_wrong_checksum_of_the_whole_leaves_nothing_to_start_from(
     make: Bench, wrong_from: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -264,6 +266,18 @@ def test_a_bootloader_that_is_busy_for_ever_is_given_up(make: Bench) -> None:
     bench.device.plug()
     bench.upload()
     assert bench.holds_the_file
+
+
+def test_a_bootloader_that_sums_otherwise_is_left_before_anything_is_erased(make: Bench) -> None:
+    """The signature of the running firmware's table is known."""
+    bench = make()
+    bench.bootloader.faults.wrong_sums = 1
+    with pytest.raises(FlashError, match="may not understand what it is told; nothing was erased"):
+        bench.upload()
+    assert bench.bootloader.log == []
+    bench.device.unplug()
+    bench.device.plug()
+    assert not bench.device.in_bootloader
 
 
 def test_an_unknown_flash_chip_is_refused_before_anything_is_erased(make: Bench) -> None:

@@ -15,9 +15,8 @@ from drivers.lightcrafter import bootloader as b
 from drivers.lightcrafter.emulator.faults import BootloaderFaults
 from drivers.lightcrafter.emulator.flash import EmulatedFlash
 from drivers.lightcrafter.firmware import FirmwareFile
-from drivers.lightcrafter.flash_table import BOOTLOADER_BYTES
+from drivers.lightcrafter.flash_table import BOOTLOADER_BYTES, SIGNATURE
 
-_SIGNATURE = (0x01234567).to_bytes(4, "little")
 _ANSWER_BYTES = 16
 _STATUS = b.STATUS.usb
 
@@ -72,7 +71,7 @@ class EmulatedBootloader:
     def boot(self) -> Boot:
         """What a controller with this flash does when its power comes."""
         self._power_up()
-        if self.memory[BOOTLOADER_BYTES : BOOTLOADER_BYTES + 4] != _SIGNATURE:
+        if self.memory[BOOTLOADER_BYTES : BOOTLOADER_BYTES + 4] != SIGNATURE:
             return Boot.BOOTLOADER
         return Boot.NOTHING if self._incomplete else Boot.PROGRAM
 
@@ -154,7 +153,7 @@ class EmulatedBootloader:
         old = self.memory[start : start + len(data)]
         self.memory[start : start + len(data)] = bytes(o & n for o, n in zip(old, data, strict=True))
         self._left -= len(data)
-        if not self._left and self._size > len(_SIGNATURE):
+        if not self._left and self._size > len(SIGNATURE):
             self._incomplete.discard(start // b.SECTOR_BYTES * b.SECTOR_BYTES)
 
     def _compute(self) -> None:

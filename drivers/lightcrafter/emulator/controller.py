@@ -22,8 +22,9 @@ from drivers.lightcrafter.emulator.faults import EmulatedFaults
 from drivers.lightcrafter.emulator.flash import EmulatedFlash
 from drivers.lightcrafter.emulator.light import emitted, led_drive
 from drivers.lightcrafter.emulator.luts import Luts
-from drivers.lightcrafter.emulator.player import Exposure, OnPulse, OnValid, Player, exposures_of
+from drivers.lightcrafter.emulator.player import Exposure, OnPulse, OnValid, exposures_of
 from drivers.lightcrafter.emulator.registers import DEFAULTS, TICKS_PER_MS
+from drivers.lightcrafter.emulator.sequencer import Sequencer
 from drivers.lightcrafter.emulator.validation import validate
 from drivers.lightcrafter.values import (
     Currents,
@@ -76,17 +77,14 @@ class EmulatedController:
     ) -> None:
         self.faults = EmulatedFaults()
         self.flash = flash
-        self.pulses_sent = 0
-        self._on_pulse = on_pulse
         self._on_valid = on_valid
-        self._realtime = realtime
+        self._sequencer = Sequencer(on_pulse, self._end, realtime=realtime)
         self._version = version
         self._luts = Luts(two_image_quirk=two_image_quirk)
         self._validation_s, self._wake_s = validation_s, wake_s
         self._lock = threading.RLock()
         self._plugged = True
         self._on_unplug: list[Callable[[], None]] = []
-        self._player: Player | None = None
         self._power_up(Power.STANDBY if standby else Power.NORMAL)
 
     def _power_up(self, power: Power) -> None:
@@ -101,8 +99,6 @@ class EmulatedController:
         self._examining: threading.Thread | None = None
         self._valid = False
         self._load_range = (0, 0)
-        self._left: list[Exposure] = []
-        self._showing: Exposure | None = None
 
     @property
     def entries(self) -> dict[int, LutEntry]:
@@ -124,7 +120,11 @@ class EmulatedController:
     @property
     def showing(self) -> Exposure | None:
         """The pattern of a sequence that stands on the mirrors."""
-        return self._showing
+        return self._sequencer.showing
+
+    @property
+    def pulses_sent(self) -> int:
+        return self._sequencer.pulses_sent
 
     def on_unplug(self, listener: Callable[[], None]) -> None:
         """Call ``listener`` when the controller loses its power."""
@@ -132,7 +132,7 @@ class EmulatedController:
 
     def unplug(self) -> None:
         """Lose the power: dark, no answer, every register forgotten."""
-        self._halt()
+        self._sequencer.halt()
         with self._lock:
             self._plugged = False
             self._power_up(Power.NORMAL)
@@ -255,7 +255,7 @@ class EmulatedController:
 
     def _set_run(self, run: Run) -> bytes:
         if run is not Run.START:
-            self._halt()
+            self._sequencer.halt()
             with self._lock:
                 self._run = run
                 if run is Run.STOP:
@@ -276,41 +276,16 @@ class EmulatedController:
         self._status = HardwareStatus.INITIALISED
         exposures = exposures_of(*self._luts.selected(control), timing, self.flash)
         self._run = Run.START
-        if self._realtime:
-            self._player = Player(exposures, timing, control, self._pulse, self._end)
-            self._player.start()
-        else:
-            self._left = list(exposures)
+        self._sequencer.play(exposures, timing, control)
 
     def step(self) -> Exposure | None:
         """Show the next pattern, without real time; None where the sequence has ended."""
-        if not self._left:
-            return None
-        exposure = self._left.pop(0)
-        self._pulse(exposure)
-        if not self._left:
-            self._end()
-        return exposure
-
-    def _pulse(self, exposure: Exposure) -> None:
-        self._showing = exposure
-        self.pulses_sent += 1
-        if self._on_pulse is not None:
-            self._on_pulse(exposure)
+        return self._sequencer.step()
 
     def _end(self) -> None:
         with self._lock:
             self._run = Run.STOP
-            self._showing = None
             self._forget_luts()
-
-    def _halt(self) -> None:
-        """Outside the lock, which the thread of the sequence may want."""
-        player, self._player = self._player, None
-        if player is not None:
-            player.halt()
-        self._left = []
-        self._showing = None
 
     def led_shares(self, leds: LedSelect = LedSelect.WHITE) -> tuple[float, float, float]:
         """Drive of the red, green and blue LED under a pattern that these light, 0..1."""
@@ -321,7 +296,7 @@ class EmulatedController:
     def light(self) -> npt.NDArray[np.float64]:
         """What the projector emits now: (rows, columns, 3) red, green, blue, 0..255."""
         alive = self._plugged and self._power is Power.NORMAL
-        return emitted(self._values, self._showing, self.flash) * float(alive)
+        return emitted(self._values, self.showing, self.flash) * float(alive)
 
 
 def _decoded(command: Command[Any], payload: bytes) -> Any:
