@@ -78,7 +78,7 @@ class BenchCommands:
         return f"the trigger line of the {side} camera"
 
     def _plug(self, words: list[str], *, there: bool) -> str:
-        (name,) = words or [""]
+        name = " ".join(words)
         if name == "projector":
             (self._bench.plug_projector if there else self._bench.unplug_projector)()
         else:

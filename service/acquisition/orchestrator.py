@@ -110,8 +110,10 @@ class Orchestrator:
             self.live.suspended(),
         ):
             for device in self._all():
-                with suppress(DriverError):
+                try:
                     device.check()
+                except DriverError as error:
+                    self._failures = {**self._failures, device.name: str(error)}
             self._revive()
 
     def cancel(self) -> bool:
