@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
-from small_rig import simulated_source
+from small_rig import DEPTH_RANGE, simulated_source
 
 from benchmarks.virtual_bench import accuracy
 from drivers.bench import VirtualBench
@@ -17,6 +17,7 @@ from drivers.lightcrafter.manifest import FlashManifest, StoredPattern
 from models.capture import read_capture
 from models.export.npz import read_npz
 from models.patterns import make_plan
+from models.reconstruct import ReconstructionOptions, reconstruct
 from service.acquisition.finding import Fault
 from service.acquisition.orchestrator import Orchestrator
 from service.acquisition.outcome import SequenceRefusedError
@@ -111,3 +112,21 @@ def test_settings_reach_the_sensor(aravis: None) -> None:
         assert brightness() == pytest.approx(plain, rel=0.02)
     finally:
         orchestrator.close()
+
+
+def test_without_a_trigger_wire_in_steps(aravis: None) -> None:
+    """Each pattern is held by the controller, each frame called for; the wires are cut."""
+    virtual = VirtualBench(source=simulated_source())
+    virtual.wiring.cut.update(("left", "right"))
+    orchestrator = Orchestrator(devices_of(virtual), AcquisitionSettings(retakes=1, trigger="software"))
+    try:
+        orchestrator.connect()
+        capture = orchestrator.capture(CaptureRequest(plan="full")).capture
+    finally:
+        orchestrator.close()
+    result = reconstruct(capture, ReconstructionOptions("nstep", None, DEPTH_RANGE))
+    assert capture.truth is not None
+    off = np.abs(result.points.depth - capture.truth.depth)
+    seen = np.isfinite(off)
+    assert seen.mean() > 0.3
+    assert np.median(off[seen]) < 0.1
