@@ -284,6 +284,18 @@ class GenicamCamera(ABC):
                 ) from error
             raise
 
+    @contextmanager
+    def asked(self) -> Iterator[Connection]:
+        """The connection of an open camera, for questions beyond the protocol; nobody else has the camera meanwhile.
+
+        Raises DeviceStateError while it is closed, DeviceLostError where it is gone.
+        """
+        with self._lock:
+            if self._connection is None:
+                raise self._wrong_state("be asked")
+            with self._device() as connection:
+                yield connection
+
     def _device_gone(self) -> bool:
         return self._connection is not None and self._connection.control_lost
 

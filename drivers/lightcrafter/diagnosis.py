@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drivers.errors import DeviceStateError
 from drivers.lightcrafter import commands as c
-from drivers.lightcrafter.commands import NAME
 from drivers.lightcrafter.projector import LightCrafter
 from drivers.lightcrafter.settings import LedLimits
 from drivers.lightcrafter.values import HardwareStatus, Release, words
-from drivers.projector import ProjectorState
 
 _SUPPLY_A = 0.9611
 _SUPPLY_A_PER_STEP = (0.0069, 0.0071, 0.0063)
@@ -57,10 +54,8 @@ def examine_projector(projector: LightCrafter) -> ProjectorReport:
 
     Raises DeviceStateError in any other state, DeviceLostError and ProtocolError where it does not answer well.
     """
-    with projector._lock:
-        if projector.state not in (ProjectorState.OPEN, ProjectorState.LOADED):
-            raise DeviceStateError(NAME, f"cannot be examined while it is {projector.state}")
-        console, configuration = projector._console, projector._configuration
+    configuration = projector.configuration
+    with projector.asked() as console:
         status = console.read(c.HARDWARE_STATUS)
         faults = words(status)
         if HardwareStatus.INITIALISED not in status:
@@ -72,7 +67,7 @@ def examine_projector(projector: LightCrafter) -> ProjectorReport:
             firmware=console.read(c.VERSION).application,
             faults=faults,
             flash_images=console.read(c.FLASH_IMAGES),
-            needed_images=projector._manifest.images,
+            needed_images=projector.manifest.images,
             drive=(red, green, blue),
             limits=configuration.led_limits,
         )

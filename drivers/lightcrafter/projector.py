@@ -130,6 +130,26 @@ class LightCrafter:
             raise DeviceStateError(NAME, "cannot tell what it is while it is closed")
         return self._info
 
+    @property
+    def configuration(self) -> LightCrafterConfiguration:
+        return self._configuration
+
+    @property
+    def manifest(self) -> FlashManifest:
+        """What the flash is believed to hold."""
+        return self._manifest
+
+    @contextmanager
+    def asked(self) -> Iterator[Console]:
+        """The procedures of an open projector that shows nothing, for questions beyond the protocol.
+
+        Raises DeviceStateError in any other state, DeviceLostError where it is gone.
+        """
+        with self._lock:
+            self._require("be asked", ProjectorState.OPEN, ProjectorState.LOADED)
+            with self._watched():
+                yield self._console
+
     def configure(self, settings: ProjectorSettings) -> ProjectorSettings:
         with self._lock:
             self._require("be configured", *_IDLE)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from drivers.aravis.diagnosis import examine_camera
 from drivers.devices import RigDevices
 from drivers.errors import DriverError
 from drivers.genicam.camera import GenicamCamera
+from drivers.genicam.link import examine_camera
 from drivers.lightcrafter.diagnosis import SUPPLY_LIMIT_A, ProjectorReport, examine_projector
 from drivers.lightcrafter.projector import LightCrafter
 from service.diagnosis.symptom import Symptom

@@ -7,9 +7,10 @@ from typing import Any
 import pytest
 from emulated_rig import MANIFEST, EmulatedRig
 
-from drivers.aravis.diagnosis import CameraLink, LibraryVersion, examine_camera, link_of, loaded_library
+from drivers.aravis.diagnosis import LibraryVersion, loaded_library
 from drivers.errors import DeviceLostError, DeviceStateError, DeviceUnavailableError
 from drivers.genicam.camera import GenicamCamera
+from drivers.genicam.link import CameraLink, examine_camera, link_of
 from drivers.lightcrafter import commands as c
 from drivers.lightcrafter.diagnosis import examine_projector, supply_a
 from drivers.lightcrafter.emulator.flash import EmulatedFlash
