@@ -46,6 +46,7 @@ _RECORDED: tuple[tuple[str, type[Value]], ...] = (
     ("TriggerDelayEnabled", bool),
     ("pgrDefectPixelCorrectionEnable", bool),
     ("DeviceLinkThroughputLimit", int),
+    ("TimestampIncrement", int),
 )
 
 

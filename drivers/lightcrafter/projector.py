@@ -99,6 +99,7 @@ class LightCrafter:
         versions = self._console.wake()
         self._only_led = None
         self._console.go_dark()
+        self._console.set_board()
         self._brightness = self._console.set_leds(_BRIGHTEST)
         there = self._console.read(c.FLASH_IMAGES)
         if there < self._manifest.images:

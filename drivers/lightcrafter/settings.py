@@ -10,6 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from drivers.lightcrafter.serial import ADDRESS
 
 LedLimits = tuple[int, int, int]
+TRIGGER_OUT_DELAYS_US = (-20.05, 2.787)
+"""Range of the edges of the first trigger output, before and after the light."""
 
 
 class LightCrafterConfiguration(BaseModel):
@@ -26,6 +28,11 @@ class LightCrafterConfiguration(BaseModel):
     dark_us: between two patterns; the controller wants none at all or more than 230 us. longest_us: longest exposure.
     swap_two_images: send an image LUT of two entries in exchanged order, as the controller reads it.
     image_load_us: longest load of an image from flash, where it cannot be measured; None asks the controller.
+    trigger_out_polarity: first byte of register 1A 1D. 0 is high while a pattern is lit; of 1 and 2 one is low, and
+    sources disagree which. trigger_out_delays_us: of the rising and of the falling edge, -20.05..2.787. With None for
+    both the register is left alone.
+    flip_long, flip_short: mirror the picture along its columns or its rows; either alone also exchanges which rows of
+    the diamond are shifted. None leaves the registers alone.
     hold: what ``show`` does. "sequence" repeats the pattern in pattern mode: the light is that of a sequence, but the
     trigger output goes high when the holding begins. "video" shows a still image, each 8-bit pattern by the one LED of
     its colour: no pulse, other light, and no Gray plane.
@@ -55,6 +62,10 @@ class LightCrafterConfiguration(BaseModel):
     longest_us: int = Field(2_000_000, ge=8333, le=200_000_000)
     swap_two_images: bool = True
     image_load_us: float | None = Field(None, ge=0, le=5_000_000, allow_inf_nan=False)
+    trigger_out_polarity: Literal[0, 1, 2] | None = None
+    trigger_out_delays_us: tuple[float, float] | None = None
+    flip_long: bool | None = None
+    flip_short: bool | None = None
     hold: Literal["sequence", "video"] = "sequence"
 
     pacing_s: float = Field(0.02, ge=0, le=1)
@@ -69,6 +80,9 @@ class LightCrafterConfiguration(BaseModel):
     def _it_is_possible(self) -> LightCrafterConfiguration:
         if any(not 1 <= limit <= 255 for limit in self.led_limits):
             raise ValueError(f"led_limits are 1..255 each, got {self.led_limits}")
+        low, high = TRIGGER_OUT_DELAYS_US
+        if any(not low <= delay <= high for delay in self.trigger_out_delays_us or ()):
+            raise ValueError(f"trigger_out_delays_us are {low}..{high} each, got {self.trigger_out_delays_us}")
         if self.connection != "usb" and self.port is None:
             raise ValueError(f"connection '{self.connection}' needs the serial port of the bridge")
         return self

@@ -171,3 +171,8 @@ def test_running_freely_keeps_the_rate_asked(opened: Open) -> None:
     camera.arm(None, Trigger.FREE_RUN)
     frames = [camera.wait_frame(3.0) for _ in range(6)]
     assert 1e9 * 5 / (frames[-1].device_ns - frames[0].device_ns) < 60
+
+
+def test_the_step_of_the_camera_clock_is_recorded(opened: Open) -> None:
+    """A time cannot be finer than this, and how fine it is differs between cameras."""
+    assert opened().configure(SHORT).features["TimestampIncrement"] == 1
