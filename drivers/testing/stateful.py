@@ -231,8 +231,9 @@ class Walk(RuleBasedStateMachine):
         self.model.expose(Trigger.HARDWARE_EDGE, self.projector_bench.pulses() - before)
 
     @rule(dark=st.booleans())
-    @precondition(lambda self: self.shown.may(*_IDLE))
+    @precondition(lambda self: self.shown.may(*_IDLE) and not self.model.is_armed(Trigger.HARDWARE_EDGE))
     def show(self, dark: bool) -> None:
+        """The trigger line may rise as the holding begins, so no camera is armed for pulses."""
         if not dark:
             self.projector.show(showable(self.projector_info, 1).patterns[0])
             self.shown.state = ProjectorState.HOLDING

@@ -93,7 +93,7 @@ def test_a_packing_mistake_is_seen(aravis: None, first: str, second: str) -> Non
 def test_settings_reach_the_sensor(aravis: None) -> None:
     """Exposure, gain, depth and lamp are those of the registers, not of the request."""
     virtual = VirtualBench(source=simulated_source())
-    orchestrator = Orchestrator(devices_of(virtual), AcquisitionSettings(retakes=1, late_s=0.5))
+    orchestrator = Orchestrator(devices_of(virtual), AcquisitionSettings(retakes=2, late_s=0.5))
     try:
         orchestrator.connect()
 
@@ -118,7 +118,7 @@ def test_without_a_trigger_wire_in_steps(aravis: None) -> None:
     """Each pattern is held by the controller, each frame called for; the wires are cut."""
     virtual = VirtualBench(source=simulated_source())
     virtual.wiring.cut.update(("left", "right"))
-    orchestrator = Orchestrator(devices_of(virtual), AcquisitionSettings(retakes=1, trigger="software"))
+    orchestrator = Orchestrator(devices_of(virtual), AcquisitionSettings(retakes=2, trigger="software"))
     try:
         orchestrator.connect()
         capture = orchestrator.capture(CaptureRequest(plan="full")).capture
