@@ -15,6 +15,7 @@ from drivers.errors import (
     DriverError,
 )
 from drivers.genicam.configuration import GenicamConfiguration
+from drivers.genicam.connection import FrameIds
 from drivers.genicam.finding import same_serial
 
 _PERMISSION = ("permission", "access denied", "libusb_error_access", "insufficient")
@@ -64,8 +65,8 @@ class AravisConnection:
     def control_lost(self) -> bool:
         return self._control_lost.is_set()
 
-    def make_stream(self, frames: int | None) -> AravisStream:
-        return AravisStream(self.library, self.handle, frames, gige=self.gige)
+    def make_stream(self, frames: int | None, ids: FrameIds) -> AravisStream:
+        return AravisStream(self.library, self.handle, frames, ids, gige=self.gige)
 
     def release(self, *, dead: bool = False) -> None:
         self.library.disconnect(self._device_handle, self._handler)

@@ -33,9 +33,9 @@ class AravisStream:
     Not safe against threads. Raises AravisError where it cannot be made.
     """
 
-    def __init__(self, library: Library, camera: int, frames: int | None, *, gige: bool) -> None:
+    def __init__(self, library: Library, camera: int, frames: int | None, ids: FrameIds, *, gige: bool) -> None:
         self._library, self._camera = library, camera
-        self._ids = FrameIds(gige=gige)
+        self._ids = ids
         self.delivered = 0
         payload = library.call("camera_get_payload", camera)
         self._handle: int = library.call("camera_create_stream", camera, None, None)

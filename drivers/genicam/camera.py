@@ -19,7 +19,7 @@ from drivers.errors import (
 )
 from drivers.genicam import settings as setting
 from drivers.genicam.configuration import GenicamConfiguration
-from drivers.genicam.connection import Connection, FrameStream, LibraryError, Received
+from drivers.genicam.connection import Connection, FrameIds, FrameStream, LibraryError, Received
 from drivers.genicam.features import lost
 
 _MARGIN_US = 100.0
@@ -134,7 +134,8 @@ class GenicamCamera(ABC):
                 if not self._configuration.processing:
                     setting.require_straight(features, self._name)
                 setting.set_trigger(features, self._configuration, trigger)
-                self._stream = connection.make_stream(frames)
+                ids = FrameIds(gige=connection.gige, first=self._configuration.first_frame_id)
+                self._stream = connection.make_stream(frames, ids)
                 self._armed_ns = time.monotonic_ns()
                 self._stream.start()
                 if trigger is not Trigger.FREE_RUN:
@@ -210,7 +211,7 @@ class GenicamCamera(ABC):
 
     def _await_readiness(self, connection: Connection) -> None:
         exposure_us = self._applied.exposure_us if self._applied else 0.0
-        setting.await_readiness(connection.features, exposure_us, self._configuration.settle_s)
+        setting.await_readiness(connection.features, exposure_us, self._configuration)
 
     def _pop(self, stream: FrameStream, timeout_us: int) -> Received | None:
         """A stream that breaks off does not mend by itself."""

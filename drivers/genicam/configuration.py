@@ -14,9 +14,10 @@ class GenicamConfiguration(BaseModel):
     trigger_line: Line3 for TTL wired directly, Line0 for the opto-isolated input. width, height: px, taken down to the
     camera's steps; offset_x, offset_y: px, None for the middle of the sensor. black_level: per cent; debounce_us: of
     the trigger line; link_limit: bytes/s; None leaves any of them as it is. readout_us: of such an image, where the
-    camera does not say. settle_s: wait after arming where it does not say when it is ready. processing: leave gamma
-    and the like as they are, although they bend the fringes. Of Aravis alone: library, the path of libaravis, and
-    usb_mode, None for the library's own.
+    camera does not say. ready_by: whether the camera's own word that it waits for a trigger is believed. settle_s:
+    wait after arming where it is not, or not given. first_frame_id: of the first frame after arming, on USB; GigE
+    Vision always begins with 1. processing: leave gamma and the like as they are, although they bend the fringes. Of
+    Aravis alone: library, the path of libaravis, and usb_mode, None for the library's own.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -34,7 +35,9 @@ class GenicamConfiguration(BaseModel):
     reverse_x: bool = False
     black_level: float | None = Field(None, allow_inf_nan=False)
     readout_us: float = Field(3000.0, ge=0, allow_inf_nan=False)
+    ready_by: Literal["status", "settle"] = "status"
     settle_s: float = Field(0.05, ge=0, le=10)
+    first_frame_id: Literal[0, 1] = 0
     live_rate_hz: float = Field(30.0, gt=0, allow_inf_nan=False)
     debounce_us: int | None = Field(None, ge=0)
     link_limit: int | None = Field(None, gt=0)

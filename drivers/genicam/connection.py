@@ -84,7 +84,7 @@ class Connection(Protocol):
         """Whether the camera answers and is still ours; below a second where it does not. Never raises."""
         ...
 
-    def make_stream(self, frames: int | None) -> FrameStream:
+    def make_stream(self, frames: int | None, ids: FrameIds) -> FrameStream:
         """Room for so many frames and some more, None for endless."""
         ...
 
@@ -94,10 +94,14 @@ class Connection(Protocol):
 
 
 class FrameIds:
-    """Turns ids that may start at 1 and wrap into a count from 0."""
+    """Turns ids that may start at 1 and wrap into a count from 0.
 
-    def __init__(self, *, gige: bool) -> None:
+    first: what a camera that is not of GigE Vision gives the first frame after arming.
+    """
+
+    def __init__(self, *, gige: bool, first: int = 0) -> None:
         self._gige = gige
+        self._first = first
         self._last = -1
         self._seen = 0
         self._highest = -1
@@ -105,7 +109,7 @@ class FrameIds:
     def count(self, raw: int) -> int:
         """``raw`` comes within half a round of the last one."""
         if not self._gige:
-            number = raw
+            number = raw - self._first
         else:
             ahead = (raw - 1 - self._last + _GIGE_IDS // 2) % _GIGE_IDS - _GIGE_IDS // 2
             number = self._last + ahead

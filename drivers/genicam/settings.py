@@ -117,16 +117,20 @@ def set_trigger(features: Features, configuration: GenicamConfiguration, trigger
     _if_there(features, "TriggerOverlap", configuration.trigger_overlap)
 
 
-def await_readiness(features: Features, exposure_us: float, settle_s: float) -> None:
-    """Until the camera says that it waits for a trigger; one that cannot say so gets time to settle."""
-    if features.offers("AcquisitionStatusSelector", "FrameTriggerWait") and features.has("AcquisitionStatus"):
+def await_readiness(features: Features, exposure_us: float, configuration: GenicamConfiguration) -> None:
+    """Until the camera says that it waits for a trigger; one that cannot, or is not believed, gets time."""
+    if configuration.ready_by == "status" and _tells_readiness(features):
         features.write("AcquisitionStatusSelector", "FrameTriggerWait")
         deadline = time.monotonic() + _READY_S + 2e-6 * exposure_us
         while time.monotonic() < deadline:
             if features.read("AcquisitionStatus", bool):
                 return
             time.sleep(0.001)
-    time.sleep(settle_s)
+    time.sleep(configuration.settle_s)
+
+
+def _tells_readiness(features: Features) -> bool:
+    return features.offers("AcquisitionStatusSelector", "FrameTriggerWait") and features.has("AcquisitionStatus")
 
 
 def read_limits(features: Features) -> CameraLimits:

@@ -31,8 +31,10 @@ from drivers.lightcrafter.values import (
     Source,
     Timing,
     TriggerMode,
+    TriggerOutput,
     Validation,
     Versions,
+    VideoSignal,
 )
 
 NAME = "projector"
@@ -93,6 +95,8 @@ FLASH_IMAGES: Command[int] = Command("number of flash images", 0x1A42, 0x0C, REA
 POWER: Command[Power] = Command("power", 0x0200, 0x07, BOTH, byte(Power, 3))
 
 DISPLAY_MODE: Command[Mode] = Command("display mode", 0x1A1B, 0x69, BOTH, byte(Mode, 1))
+VIDEO_SIGNAL: Command[VideoSignal] = Command("video signal", 0x071C, 0x01, READ, fields(VideoSignal, "B2H3BI8H"))
+CHANNEL_SWAP: Command[int] = Command("channel swap", 0x1A37, 0x04, BOTH, integer(1))
 INPUT_SOURCE: Command[Source] = Command("input source", 0x1A00, 0x00, BOTH, byte(Source, 3))
 TEST_PATTERN: Command[InternalPattern] = Command("test pattern", 0x1203, 0x0A, BOTH, byte(InternalPattern))
 TEST_COLOUR: Command[InternalColour] = Command("test colour", 0x1204, 0x1A, BOTH, fields(InternalColour, "6H"))
@@ -109,6 +113,7 @@ LED_CURRENT: Command[Currents] = Command("LED current", 0x0B01, 0x4B, BOTH, fiel
 
 PATTERN_SOURCE: Command[PatternSource] = Command("pattern source", 0x1A22, 0x6F, BOTH, byte(PatternSource, 3))
 TRIGGER_MODE: Command[TriggerMode] = Command("pattern trigger mode", 0x1A23, 0x70, BOTH, byte(TriggerMode, 7))
+TRIGGER_OUTPUT: Command[TriggerOutput] = Command("trigger output 1", 0x1A1D, 0x6A, BOTH, fields(TriggerOutput, "3B"))
 RUN: Command[Run] = Command("start, pause and stop", 0x1A24, 0x65, BOTH, byte(Run, 3))
 TIMING: Command[Timing] = Command("exposure and period", 0x1A29, 0x66, BOTH, fields(Timing, "2I"))
 LUT_CONTROL: Command[LutControl] = Command("LUT control", 0x1A31, 0x75, BOTH, codecs.LUT_CONTROL)
@@ -126,6 +131,8 @@ TABLE: tuple[Command[Any], ...] = (
     FLASH_IMAGES,
     POWER,
     DISPLAY_MODE,
+    VIDEO_SIGNAL,
+    CHANNEL_SWAP,
     INPUT_SOURCE,
     TEST_PATTERN,
     TEST_COLOUR,
@@ -140,6 +147,7 @@ TABLE: tuple[Command[Any], ...] = (
     LED_CURRENT,
     PATTERN_SOURCE,
     TRIGGER_MODE,
+    TRIGGER_OUTPUT,
     RUN,
     TIMING,
     LUT_CONTROL,

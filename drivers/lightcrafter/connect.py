@@ -28,6 +28,7 @@ def make_transport(configuration: LightCrafterConfiguration) -> Transport:
         address=configuration.i2c_address,
         timeout_s=min(_BRIDGE_S, configuration.timeout_s),
         pacing_s=configuration.pacing_s,
+        ready_mask=configuration.i2c_ready_mask,
     )
 
 

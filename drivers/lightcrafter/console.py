@@ -5,12 +5,12 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 from drivers.errors import DeviceConfigurationError, DeviceLostError, DriverError, ProtocolError, SequenceInvalidError
 from drivers.lightcrafter import commands as c
-from drivers.lightcrafter.codecs import ENTRY_BYTES, fields
-from drivers.lightcrafter.commands import NAME, WRITE, Command
+from drivers.lightcrafter.codecs import ENTRY_BYTES
+from drivers.lightcrafter.commands import NAME, Command
 from drivers.lightcrafter.sequence import Program
 from drivers.lightcrafter.settings import LightCrafterConfiguration
 from drivers.lightcrafter.transport import Transport, read, write
@@ -30,6 +30,7 @@ from drivers.lightcrafter.values import (
     Run,
     Source,
     TriggerMode,
+    TriggerOutput,
     Validation,
     Versions,
     words,
@@ -49,18 +50,6 @@ _LED_OF_CHANNEL = (1, 0, 2)
 """Red, green, blue LED (0, 1, 2) of the green, red, blue byte of an image."""
 _UNDELAYED = 0xBB
 _DELAY_STEP_US = 0.1072
-
-
-class TriggerOutput(NamedTuple):
-    """What 1A 1D carries. Delays count steps of 107.2 ns from -20.05 us; 0xBB is none."""
-
-    polarity: int
-    rise: int
-    fall: int
-
-
-TRIGGER_OUTPUT: Command[TriggerOutput] = Command("trigger output 1", 0x1A1D, 0x6A, WRITE, fields(TriggerOutput, "3B"))
-"""Not in the table of commands, of which the emulator makes its registers: nobody knows which bit it should obey."""
 
 
 class Console:
@@ -139,7 +128,7 @@ class Console:
         polarity, delays_us = configuration.trigger_out_polarity, configuration.trigger_out_delays_us
         if polarity is not None or delays_us is not None:
             rise, fall = (_UNDELAYED + round(delay / _DELAY_STEP_US) for delay in delays_us or (0.0, 0.0))
-            self.write(TRIGGER_OUTPUT, TriggerOutput(polarity or 0, rise, fall))
+            self.write(c.TRIGGER_OUTPUT, TriggerOutput(polarity or 0, rise, fall))
 
     def halt(self) -> None:
         """Stop the sequence and see it stopped."""

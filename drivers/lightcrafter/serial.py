@@ -23,7 +23,8 @@ from drivers.lightcrafter.commands import NAME, Command
 ADDRESS = 0x1A
 """7-bit address of the controller; 0x1D with the jumper J19."""
 _WRITE_BIT = 0x80
-_READY = 0x01
+READY = 0x01
+"""Bit of the status byte that says that an answer follows."""
 _ATTEMPTS = 20
 _RETRY_S = 0.005
 _BUSY = (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK)
@@ -32,17 +33,26 @@ _BUSY = (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK)
 class SerialTransport:
     """Implements Transport.
 
-    port: "/dev/ttyACM0", "COM3". pacing_s: pause after each write, which the controller needs on I2C.
+    port: "/dev/ttyACM0", "COM3". pacing_s: pause after each write, which the controller needs on I2C. ready_mask: bits
+    of the byte before each answer of which one must be set.
     """
 
     def __init__(
-        self, port: str, bridge: Bridge, *, address: int = ADDRESS, timeout_s: float = 0.5, pacing_s: float = 0.01
+        self,
+        port: str,
+        bridge: Bridge,
+        *,
+        address: int = ADDRESS,
+        timeout_s: float = 0.5,
+        pacing_s: float = 0.01,
+        ready_mask: int = READY,
     ) -> None:
         self._path = port
         self._bridge = bridge
         self._address = address
         self._timeout_s = timeout_s
         self._pacing_s = pacing_s
+        self._ready_mask = ready_mask
         self._port: serial.Serial | None = None
 
     @property
@@ -108,7 +118,7 @@ class SerialTransport:
         for _ in range(_ATTEMPTS):
             answer = self._bridge.read(port, self._address, register, 1 + command.read_size)
             status = answer[0]
-            if status & _READY:
+            if status & self._ready_mask:
                 return answer[1:]
             time.sleep(_RETRY_S)
         raise ProtocolError(NAME, f"refused '{command.name}' (I2C status {status:#04x})")

@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from drivers.lightcrafter.serial import ADDRESS
+from drivers.lightcrafter.serial import ADDRESS, READY
 
 LedLimits = tuple[int, int, int]
 TRIGGER_OUT_DELAYS_US = (-20.05, 2.787)
@@ -19,7 +19,7 @@ class LightCrafterConfiguration(BaseModel):
 
     manifest: what its flash holds; None where the caller hands a FlashManifest over. connection: "usb", or the bridge
     to I2C at ``port``. usb_path: bus and ports of one of several projectors, "1-2.4". i2c_address: 7 bits.
-    timeout_s: for each answer.
+    i2c_ready_mask: bits of the byte before each answer of which one says that it is ready. timeout_s: for each answer.
 
     led_limits: largest drive of the red, green and blue LED, 1..255, at brightness 1. led_inverted: 255 is dark, as on
     the EVM's own LED board. led_polarity: register 1A 05, written before any current.
@@ -50,6 +50,7 @@ class LightCrafterConfiguration(BaseModel):
     usb_path: str | None = Field(None, max_length=64)
     port: str | None = Field(None, max_length=256)
     i2c_address: int = Field(ADDRESS, ge=0x08, le=0x77)
+    i2c_ready_mask: int = Field(READY, ge=1, le=255)
     pull_ups: bool = False
     timeout_s: float = Field(2.0, gt=0, le=60)
 

@@ -8,12 +8,14 @@ bootloader after a loss of power, and the next run goes on.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from drivers.errors import DriverError
 from drivers.lightcrafter import commands as c
 from drivers.lightcrafter.bootloader import (
     SECTOR_BYTES,
@@ -136,6 +138,36 @@ def upload(
         raise FlashError(f"the projector finds {there} images in its flash where {path} has {images}; write it again")
     progress_path(path).unlink(missing_ok=True)
     return UploadOutcome(location, versions.application, images, written, run.sectors - written, resumed)
+
+
+def rehearse(
+    transport: UsbTransport, *, report: Report = lambda stage, share: None, times: BootloaderTimes | None = None
+) -> Release:
+    """Enter the bootloader, have it identify the flash and sum bytes that are known, and start the firmware again.
+
+    Nothing is erased or written. Returns the release that runs. Raises FlashError and DriverError.
+    """
+    times = times or BootloaderTimes()
+    try:
+        transport.open()
+        location = transport.location
+        if running_version(transport) is None:
+            raise FlashError("the projector waits in its bootloader already; flash it, or switch it off and on")
+        report("entering the bootloader", 0.0)
+        enter(transport, times)
+        _same_place(transport, location)
+        bootloader = Bootloader(transport, times)
+        try:
+            bootloader.select(bootloader.identify())
+            report("summing the flash table's signature", 0.5)
+            _rehearse(bootloader)
+        finally:
+            with suppress(DriverError):
+                bootloader.leave()
+        report("starting the firmware", 1.0)
+        return wait_for_program(transport, times).application
+    finally:
+        transport.close()
 
 
 def _rehearse(bootloader: Bootloader) -> None:

@@ -207,6 +207,38 @@ class InternalColour(NamedTuple):
     back_blue: int
 
 
+class TriggerOutput(NamedTuple):
+    """Argument of 1A 1D. Delays count steps of 107.2 ns from -20.05 us; 0xBB is none."""
+
+    polarity: int
+    rise: int
+    fall: int
+
+
+class VideoSignal(NamedTuple):
+    """Answer of 07 1C. status: its low two bits are 2 where the controller has locked to the signal."""
+
+    status: int
+    columns: int
+    rows: int
+    reserved: int
+    horizontal_polarity: int
+    vertical_polarity: int
+    pixel_clock: int
+    line_rate: int
+    frame_rate: int
+    total_pixels: int
+    total_lines: int
+    active_pixels: int
+    active_lines: int
+    first_pixel: int
+    first_line: int
+
+    @property
+    def locked(self) -> bool:
+        return self.status & 3 == 2
+
+
 class ImageRange(NamedTuple):
     """Flash images whose load time is to be measured."""
 

@@ -14,6 +14,7 @@ from drivers.errors import (
     DriverError,
 )
 from drivers.genicam.configuration import GenicamConfiguration
+from drivers.genicam.connection import FrameIds
 from drivers.genicam.finding import FoundCamera, pick_camera
 from drivers.spinnaker.features import SpinnakerFeatures
 from drivers.spinnaker.library import (
@@ -55,9 +56,9 @@ class SpinnakerConnection:
             return False
         return True
 
-    def make_stream(self, frames: int | None) -> SpinnakerStream:
+    def make_stream(self, frames: int | None, ids: FrameIds) -> SpinnakerStream:
         settings = SpinnakerFeatures(self._spinnaker, self._handle.call("GetTLStreamNodeMap"), self._device)
-        return SpinnakerStream(self._handle, settings, self._device, frames, gige=self.gige)
+        return SpinnakerStream(self._handle, settings, self._device, frames, ids)
 
     def release(self, *, dead: bool = False) -> None:
         del dead  # a camera that is gone must be let go in the same order

@@ -39,10 +39,10 @@ class SpinnakerStream:
     """
 
     def __init__(
-        self, handle: CameraHandle, settings: Features, device: str, frames: int | None, *, gige: bool
+        self, handle: CameraHandle, settings: Features, device: str, frames: int | None, ids: FrameIds
     ) -> None:
         self._handle, self._device = handle, device
-        self._ids = FrameIds(gige=gige)
+        self._ids = ids
         self._buffers = ENDLESS_BUFFERS if frames is None else frames + SPARE_BUFFERS
         self.delivered = 0
         settings.write("StreamBufferHandlingMode", "OldestFirst")

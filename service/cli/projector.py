@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from drivers.lightcrafter.usb import UsbTransport
 
 FLASH_EXAMPLE = "Example: duofringe projector flash flash.bin --config rig.toml"
+REHEARSE_EXAMPLE = "Example: duofringe projector rehearse-flash --config rig.toml"
 INTERRUPTED = 130
 _WORD = "overwrite"
 _VIRTUAL = "this computer is a virtual machine, through whose USB uploads fail; use another computer"
@@ -32,6 +33,7 @@ def register(app: typer.Typer) -> None:
     )
     register_firmware(group)
     group.command("flash", epilog=FLASH_EXAMPLE)(flash_command)
+    group.command("rehearse-flash", epilog=REHEARSE_EXAMPLE)(rehearse_command)
     app.add_typer(group, name="projector")
 
 
@@ -79,6 +81,21 @@ def flash_command(
         "resumed": outcome.resumed,
     }
     console.result(data, text, as_json=json)
+
+
+def rehearse_command(config: Config = None, json: Json = False) -> None:
+    """Enter the projector's bootloader, let it sum bytes that are known, and leave it again; nothing is written.
+
+    Needs allow_flash = true under [rig.projector] of the configuration.
+    """
+    settings = settings_from(config, None, None).rig.projector
+    from drivers.lightcrafter.upload import rehearse
+
+    transport = _transport(settings)
+    with console.progress("rehearsal") as report:
+        release = rehearse(transport, report=report)
+    text = f"the bootloader answers as it should; firmware {release} runs again"
+    console.result({"firmware": str(release)}, text, as_json=json)
 
 
 def _transport(settings: LightCrafterConfiguration) -> UsbTransport:

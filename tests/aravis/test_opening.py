@@ -221,3 +221,18 @@ def test_closing_does_not_wait_for_a_dead_camera(grasshopper: SimulatedGrasshopp
 def resident_kib() -> int:
     status = Path("/proc/self/status").read_text().splitlines()
     return next(int(line.split()[1]) for line in status if line.startswith("VmRSS"))
+
+
+def test_a_camera_whose_word_is_not_believed_gets_time(grasshopper: SimulatedGrasshopper) -> None:
+    configuration = {"address": grasshopper.address, "ready_by": "settle", "settle_s": 0.3}
+    camera = AravisCamera("left camera", GenicamConfiguration.model_validate(configuration))
+    try:
+        camera.open()
+        camera.configure(CameraSettings(exposure_us=2000))
+        begun = time.monotonic()
+        camera.arm(1, Trigger.HARDWARE_EDGE)
+        assert time.monotonic() - begun >= 0.3
+        grasshopper.pulse()
+        assert camera.wait_frame(5.0).frame_id == 0
+    finally:
+        camera.close()

@@ -154,6 +154,12 @@ def test_ids_of_usb_cameras_are_taken_as_they_are() -> None:
     assert ids.missing == 70_001 - 4
 
 
+def test_ids_of_usb_cameras_may_begin_with_one() -> None:
+    ids = FrameIds(gige=False, first=1)
+    assert [ids.count(number) for number in (1, 2, 4)] == [0, 1, 3]
+    assert ids.missing == 1
+
+
 @given(st.integers(0, 0xFFFF), st.sampled_from([(640, 480), (1920, 1200), (992, 16), (32, 8)]))
 def test_the_number_on_a_picture_is_read_back(index: int, size: tuple[int, int]) -> None:
     image = numbered_ramp(index, 20.0, 0.0, size)

@@ -244,3 +244,18 @@ def test_a_hypervisor_shows_in_the_processors_flags(tmp_path: Path) -> None:
     assert not is_virtual_machine(cpuinfo)
     cpuinfo.write_text("flags\t\t: fpu hypervisor sse2\n")
     assert is_virtual_machine(cpuinfo)
+
+
+class TestRehearsal:
+    def test_says_that_the_firmware_runs_again(self, run: Run, desk: Desk) -> None:
+        status, out, _ = run("projector", "rehearse-flash", "--config", desk.config)
+        assert status == 0
+        assert "firmware 4.4.0 runs again" in out
+        assert desk.bench.bootloader.log == []
+
+    def test_is_off_until_the_configuration_allows_it(self, run: Run, desk: Desk) -> None:
+        desk.configure("allow_flash = false")
+        status, _, err = run("projector", "rehearse-flash", "--config", desk.config)
+        assert status == 1
+        assert "set allow_flash = true" in err
+        assert desk.bench.bootloader.commands == 0

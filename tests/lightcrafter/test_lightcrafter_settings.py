@@ -12,11 +12,10 @@ from pydantic import ValidationError
 from drivers.errors import DeviceConfigurationError
 from drivers.lightcrafter import commands as c
 from drivers.lightcrafter.commands import Command
-from drivers.lightcrafter.console import TRIGGER_OUTPUT
 from drivers.lightcrafter.projector import LightCrafter
 from drivers.lightcrafter.usb import UsbTransport
 
-BOARD = {c.FLIP_LONG.usb, c.FLIP_SHORT.usb, TRIGGER_OUTPUT.usb}
+BOARD = {c.FLIP_LONG.usb, c.FLIP_SHORT.usb, c.TRIGGER_OUTPUT.usb}
 
 
 class Listening:
@@ -45,8 +44,8 @@ class Listening:
         if payload is None or command.usb not in BOARD:
             return self._inner.request(command, payload)
         self.written.append((command.name, command.usb, payload))
-        if command is TRIGGER_OUTPUT or self._deaf_flips:
-            return b""  # the emulated controller has no such output
+        if self._deaf_flips:
+            return b""
         return self._inner.request(command, payload)
 
 

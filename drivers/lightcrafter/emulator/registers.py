@@ -18,6 +18,7 @@ from drivers.lightcrafter.values import (
     Source,
     Timing,
     TriggerMode,
+    TriggerOutput,
 )
 
 TICKS_PER_MS = 18667
@@ -25,6 +26,7 @@ TICKS_PER_MS = 18667
 DEFAULTS: Mapping[Command[Any], Any] = {
     c.DISPLAY_MODE: Mode.VIDEO,
     c.INPUT_SOURCE: Source.PARALLEL,
+    c.CHANNEL_SWAP: 4,
     c.TEST_PATTERN: 0,
     c.TEST_COLOUR: InternalColour(1023, 1023, 1023, 0, 0, 0),
     c.GAMMA: 0x80,
@@ -36,6 +38,7 @@ DEFAULTS: Mapping[Command[Any], Any] = {
     c.LED_CURRENT: Currents(0x68, 0x87, 0x82),
     c.PATTERN_SOURCE: PatternSource.FLASH,
     c.TRIGGER_MODE: TriggerMode.INTERNAL,
+    c.TRIGGER_OUTPUT: TriggerOutput(0, 0xBB, 0xBB),
     c.TIMING: Timing(8333, 8333),
     c.LUT_CONTROL: LutControl(1, True, 1, 1),
     c.MAILBOX_OFFSET: 0,
