@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections.abc import Callable
 from typing import TypeVar
@@ -59,6 +60,11 @@ class Console:
         self._transport = transport
         self._configuration = configuration
         self._loads_us: dict[int, float] = {}
+        self._interrupted = threading.Event()
+
+    def interrupt(self) -> None:
+        """End a validation that another thread waits for."""
+        self._interrupted.set()
 
     def read(self, command: Command[T]) -> T:
         return read(self._transport, command)
@@ -221,10 +227,13 @@ class Console:
         self.write(c.MAILBOX_SELECT, Mailbox.CLOSED)
 
     def _validate(self) -> Validation:
+        self._interrupted.clear()
         self.write(c.VALIDATE, Validation(0))
         time.sleep(self._configuration.validate_first_s)
         deadline = time.monotonic() + self._configuration.validate_s
         while (found := self.read(c.VALIDATE)) & Validation.BUSY:
+            if self._interrupted.is_set():
+                raise ProtocolError(NAME, "was stopped while it validated the sequence")
             if time.monotonic() > deadline:
                 raise ProtocolError(NAME, f"did not finish validation within {self._configuration.validate_s:g} s")
             time.sleep(self._configuration.pacing_s)

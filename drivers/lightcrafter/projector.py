@@ -59,6 +59,7 @@ class LightCrafter:
         self._ready = False
         self._brightness = _BRIGHTEST
         self._only_led: int | None = None
+        self._may_be_lit = False
 
     @property
     def name(self) -> str:
@@ -76,7 +77,7 @@ class LightCrafter:
             # a loss has set the state, which is the answer
             with suppress(DriverError), self._watched():
                 if MainStatus.RUNNING not in self._console.read(c.MAIN_STATUS):
-                    self._state = ProjectorState.LOADED
+                    self._state, self._may_be_lit = ProjectorState.LOADED, False
 
     def open(self) -> ProjectorInfo:
         with self._lock:
@@ -97,7 +98,7 @@ class LightCrafter:
 
     def _make_ready(self) -> ProjectorInfo:
         versions = self._console.wake()
-        self._only_led = None
+        self._only_led, self._may_be_lit = None, False
         self._console.go_dark()
         self._console.set_board()
         self._brightness = self._console.set_leds(_BRIGHTEST)
@@ -188,13 +189,7 @@ class LightCrafter:
                 if not self._ready:
                     self._upload(program)
                 self._ready = False
-                try:
-                    self._console.start(loaded.duration_us)
-                except DriverError:
-                    # it may have started all the same
-                    with suppress(DriverError):
-                        self._console.halt()
-                    raise
+                self._light(lambda: self._console.start(loaded.duration_us))
                 self._state = ProjectorState.PROJECTING
 
     def check(self) -> None:
@@ -217,8 +212,18 @@ class LightCrafter:
             with self._watched():
                 self._end_holding()
                 self._sequence, self._ready, self._state = None, False, ProjectorState.OPEN
-                hold()
+                self._light(hold)
             self._state = ProjectorState.HOLDING
+
+    def _light(self, begin: Callable[[], None]) -> None:
+        """Begin to show something; where that fails it may have begun all the same, and is ended."""
+        self._may_be_lit = True
+        try:
+            begin()
+        except DriverError:
+            with suppress(DriverError):
+                self._go_dark()
+            raise
 
     def _by_sequence(self, stored: StoredPattern, pattern: Pattern) -> Callable[[], None]:
         program = hold_program(stored, math.ceil(pattern.exposure_us or 0), self._leds)
@@ -247,21 +252,29 @@ class LightCrafter:
         return hold
 
     def stop(self) -> None:
-        with self._lock, suppress(DriverError):
+        self._console.interrupt()
+        with self._lock:
             if self._state is ProjectorState.PROJECTING:
                 self._state = ProjectorState.LOADED
-                with self._watched():
-                    self._console.halt()
             elif self._state is ProjectorState.HOLDING:
-                with self._watched():
-                    self._end_holding()
-            elif self._state is ProjectorState.FAULT:
-                # one lost answer is a fault too, and then the light may still be on
-                self._console.halt()
+                self._state = ProjectorState.OPEN
+            self._end_light()
+
+    def _end_light(self) -> None:
+        """Once more where the first try is refused; a controller that is lost is asked once."""
+        for _ in range(2):
+            if not self._may_be_lit:
+                return
+            with suppress(DriverError), self._watched():
+                self._go_dark()
+            if self._state is ProjectorState.FAULT:
+                return
 
     def close(self) -> None:
+        self._console.interrupt()
         with self._lock:
             if self._state is not ProjectorState.CLOSED:
+                self._end_light()
                 with suppress(DriverError):
                     self._console.go_dark()
             self._transport.close()
@@ -269,13 +282,17 @@ class LightCrafter:
             self._sequence, self._ready = None, False
 
     def _end_holding(self) -> None:
-        if self._state is not ProjectorState.HOLDING:
-            return
-        self._state = ProjectorState.OPEN
+        if self._state is ProjectorState.HOLDING:
+            self._state = ProjectorState.OPEN
+        if self._may_be_lit:
+            self._go_dark()
+
+    def _go_dark(self) -> None:
         self._console.go_dark()
         if self._only_led is not None:
-            self._only_led = None
             self._console.set_leds(self._brightness)
+            self._only_led = None
+        self._may_be_lit = False
 
     @contextmanager
     def _watched(self) -> Iterator[None]:
