@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict
 from drivers import aravis, spinnaker
 from drivers.camera import Camera
 from drivers.devices import RigDevices
-from drivers.errors import DeviceNotFoundError, DeviceUnavailableError
+from drivers.errors import DeviceConfigurationError, DeviceNotFoundError, DeviceUnavailableError
 from drivers.genicam import FoundCamera, GenicamConfiguration
 from drivers.lightcrafter.settings import LightCrafterConfiguration
 from drivers.lightcrafter.usb import PRODUCT, VENDOR
@@ -66,16 +66,17 @@ def hardware_rig(
 ) -> RigDevices:
     """The devices, not yet opened.
 
-    Raises DeviceNotFoundError where the cameras are not told apart, DeviceConfigurationError for a missing or damaged
-    manifest of the projector.
+    Raises DeviceConfigurationError where the cameras are not told apart, and for a missing or damaged manifest of the
+    projector.
     """
     from drivers.lightcrafter.connect import make_projector
 
     if not cameras.named:
-        raise DeviceNotFoundError(
+        raise DeviceConfigurationError(
             NAME,
-            "two cameras must be told apart; set rig.cameras.left.serial and rig.cameras.right.serial "
-            f"({_there(cameras)})",
+            "cameras",
+            "without names",
+            f"two must be told apart; set rig.cameras.left.serial and rig.cameras.right.serial ({_there(cameras)})",
         )
     left, right = (make_camera(side, cameras) for side in ("left", "right"))
     return RigDevices(left, right, make_projector(projector), calibration)

@@ -53,7 +53,11 @@ def open_service(settings: ServiceSettings) -> Service:
     devices = make_devices(settings.rig)
     for warning in devices.warnings:
         logger.warning("%s", warning)
-    library = Library.open(settings.library.folder, LibraryLimits(settings.library.minimum_free_bytes))
+    try:
+        library = Library.open(settings.library.folder, LibraryLimits(settings.library.minimum_free_bytes))
+    except BaseException:
+        devices.release()
+        raise
     orchestrator = Orchestrator(devices, settings.acquisition)
     return Service(settings, orchestrator, library, ComputeLane(), RigWatch(orchestrator))
 

@@ -65,6 +65,7 @@ _PLAIN: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "camera_set_range_check_policy": (None, (_Handle, ctypes.c_int)),
     "camera_set_access_check_policy": (None, (_Handle, ctypes.c_int)),
     "camera_uv_set_usb_mode": (None, (_Handle, ctypes.c_int)),
+    "camera_gv_set_stream_options": (None, (_Handle, ctypes.c_int)),
     "gv_device_is_controller": (ctypes.c_int, (_Handle,)),
     "buffer_new_allocate": (_Handle, (ctypes.c_size_t,)),
     "buffer_get_data": (_Handle, (_Handle, ctypes.POINTER(ctypes.c_size_t))),

@@ -25,6 +25,10 @@ _MONO8, _MONO16 = 0x0108_0001, 0x0110_0007
 _WORTH_REPAIRING = 1.0
 """Share of a frame's packets that may be asked for again. The library's own choice, a quarter, gives up a frame that
 lost half of its packets to a short stall of the receiver."""
+_RETENTION_US = 300_000.0
+"""How long a frame waits for its missing packets; the library's own 100 ms are short on a busy computer."""
+_ORDINARY_SOCKET = 1
+"""ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED. The packet socket, which root gets, was seen deaf after some armings."""
 
 
 class AravisStream:
@@ -38,11 +42,14 @@ class AravisStream:
         self._ids = ids
         self.delivered = 0
         payload = library.call("camera_get_payload", camera)
+        if gige:
+            library.call("camera_gv_set_stream_options", camera, _ORDINARY_SOCKET)
         self._handle: int = library.call("camera_create_stream", camera, None, None)
         if not self._handle:
             raise AravisError("device", 4, "the library made no stream")
         if gige:
             library.set_number(self._handle, "packet-request-ratio", _WORTH_REPAIRING)
+            library.set_number(self._handle, "frame-retention", _RETENTION_US)
         for _ in range(ENDLESS_BUFFERS if frames is None else frames + SPARE_BUFFERS):
             library.call("stream_push_buffer", self._handle, library.call("buffer_new_allocate", payload))
 

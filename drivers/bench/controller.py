@@ -31,11 +31,13 @@ class FaultyController(EmulatedController):
     @property
     def sleeping(self) -> bool:
         """Whether it is in standby."""
-        return super().handle(c.POWER.usb, None) == c.POWER.encode(Power.STANDBY) if self.plugged else False
+        return self._power is Power.STANDBY
 
     def sleep(self) -> None:
-        """As if somebody else had sent it to standby."""
-        super().handle(c.POWER.usb, c.POWER.encode(Power.STANDBY))
+        """As if somebody else had sent it to standby; ValueError where it has no power."""
+        if not self.plugged:
+            raise ValueError("the projector is unplugged")
+        self._power = Power.STANDBY
 
     def handle(self, code: int, payload: bytes | None, argument: bytes = b"") -> bytes:
         starts = code == c.RUN.usb and payload == _START

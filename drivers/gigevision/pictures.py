@@ -13,7 +13,8 @@ from models.capture import Image
 ImageMaker = Callable[[int, float, float], Image]
 """(index of the pulse, exposure in us, gain in dB) -> (height, width) uint8, or uint16 with 12 bits.
 
-Of the size that the camera delivers, or of the whole sensor: then the region of interest is cut out of it.
+Of the size that the camera delivers; or as large as the sensor, or smaller and seen in its middle: then the region of
+interest is cut out of it.
 """
 _STEP = 8
 _BRIGHT_US = 10_000.0
@@ -43,13 +44,20 @@ def number_on(image: Image) -> int:
     return int((lit << np.arange(_NUMBER_BITS)).sum())
 
 
+def _on_the_sensor(image: Image) -> Image:
+    """The image in the middle of the sensor, dark around it."""
+    sensor = np.zeros(SENSOR_SIZE[::-1], image.dtype)
+    rows, columns = image.shape
+    top, left = (sensor.shape[0] - rows) // 2, (sensor.shape[1] - columns) // 2
+    sensor[top : top + rows, left : left + columns] = image
+    return sensor
+
+
 def as_pixels(image: Image, roi: tuple[int, int, int, int], pixel_format: int) -> bytes:
     """An image as the stream carries it; 12 bits stand in the upper bits of 16, low byte first."""
     width, height, x, y = roi
-    if image.shape == SENSOR_SIZE[::-1]:
-        image = image[y : y + height, x : x + width]
     if image.shape != (height, width):
-        raise ValueError(f"an image of {image.shape} cannot come from a camera that delivers {(height, width)}")
+        image = _on_the_sensor(image)[y : y + height, x : x + width]
     if pixel_format == PIXEL_FORMATS["Mono8"]:
         narrow = image if image.dtype == np.uint8 else (image >> 4).astype(np.uint8)
         return narrow.tobytes()

@@ -9,6 +9,7 @@ import numpy as np
 
 from drivers.camera import Camera, CameraSettings, SoftwareTriggered, Trigger
 from drivers.devices import RigDevices
+from drivers.errors import FrameTimeoutError, IncompleteFrameError
 from drivers.projector import ProjectorSettings
 from models.capture import Image
 from models.geometry.rig import Side
@@ -152,14 +153,22 @@ class _Search:
 
 
 def _one_image(camera: Camera) -> Image:
-    """One image of what is shown now; the first free-running frame may have begun before, so it is not used."""
-    if isinstance(camera, SoftwareTriggered):
-        camera.arm(1, Trigger.SOFTWARE)
-        camera.software_trigger()
-    else:
-        camera.arm(None, Trigger.FREE_RUN)
-        camera.wait_frame(2.0)
+    """One image of what is shown now, asked for once more where it does not come whole."""
     try:
+        return _image(camera)
+    except (FrameTimeoutError, IncompleteFrameError):
+        return _image(camera)
+
+
+def _image(camera: Camera) -> Image:
+    """The first free-running frame may have begun before what is shown now, so it is not used."""
+    software = isinstance(camera, SoftwareTriggered)
+    camera.arm(1 if software else None, Trigger.SOFTWARE if software else Trigger.FREE_RUN)
+    try:
+        if isinstance(camera, SoftwareTriggered):
+            camera.software_trigger()
+        else:
+            camera.wait_frame(2.0)
         return camera.wait_frame(2.0).image
     finally:
         camera.disarm()

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 from drivers.camera import Camera, CameraState, Frame, Trigger
 from drivers.devices import RigDevices
-from drivers.errors import FrameTimeoutError, IncompleteFrameError
-from drivers.projector import ProjectorState
+from drivers.errors import DriverError, FrameTimeoutError, IncompleteFrameError
+from drivers.projector import Projector, ProjectorState
 from models.errors import DuofringeError
 from models.geometry.rig import SIDES, Side
 from models.patterns import Pattern
 from service.acquisition.recorded import RigSettings
 
 _FRAME_S = 0.5
+_ASK_S = 1.0
+"""How often devices that nobody watches are asked whether they are there."""
 _PAUSE_S = 0.5
 """Wait after a device failed, before the live view tries it again."""
 
@@ -148,7 +151,11 @@ class LiveView:
             self._devices.projector.show(self._pattern())
         settings = self._settings()
         white_levels: dict[Side, int] = {}
+        asked_s = time.monotonic()
         while self._wanted() and not self._is_suspended():
+            if time.monotonic() - asked_s > _ASK_S:
+                self._ask_all()
+                asked_s = time.monotonic()
             for side, camera in self._devices.cameras.items():
                 if not self._watchers[side]:
                     if camera.state is CameraState.ARMED:
@@ -160,6 +167,13 @@ class LiveView:
                         return
                     camera.arm(None, Trigger.FREE_RUN)
                 self._publish(side, camera, white_levels[side])
+
+    def _ask_all(self) -> None:
+        """Have each device show that it is there; one that is lost says so by its state, and the view goes on."""
+        devices: tuple[Camera | Projector, ...] = (*self._devices.cameras.values(), self._devices.projector)
+        for device in devices:
+            with suppress(DriverError):
+                device.check()
 
     def _wanted(self) -> bool:
         return not self._closed and any(self._watchers.values())

@@ -18,8 +18,8 @@ class RigBusyError(DuofringeError):
         self.retry_after_s = retry_after_s
 
 
-_BACKGROUND_S = 5.0
-"""Longest wait for work in the background, which is over before anybody could ask again."""
+_BACKGROUND_S = 20.0
+"""Longest wait for work in the background, which ends with the device that it is at once somebody waits."""
 
 
 class RigLock:
@@ -30,6 +30,12 @@ class RigLock:
         self._wait_s = wait_s
         self._holder = ""
         self._background = False
+        self._waiting: set[object] = set()
+
+    @property
+    def wanted(self) -> bool:
+        """Whether somebody waits for the rig."""
+        return bool(self._waiting)
 
     @property
     def holder(self) -> str | None:
@@ -43,7 +49,7 @@ class RigLock:
         background: give way to everybody else: take the rig only if it is free, and let others wait until it is again.
         """
         wait_s = 0.0 if background else _BACKGROUND_S if self._background else self._wait_s
-        if not self._lock.acquire(blocking=wait_s > 0, timeout=wait_s if wait_s > 0 else -1):
+        if not self._acquire(wait_s):
             raise RigBusyError(self._holder or "another request")
         self._holder, self._background = purpose, background
         try:
@@ -51,3 +57,13 @@ class RigLock:
         finally:
             self._holder, self._background = "", False
             self._lock.release()
+
+    def _acquire(self, wait_s: float) -> bool:
+        if wait_s <= 0:
+            return self._lock.acquire(blocking=False)
+        waiter = object()
+        self._waiting.add(waiter)
+        try:
+            return self._lock.acquire(timeout=wait_s)
+        finally:
+            self._waiting.discard(waiter)

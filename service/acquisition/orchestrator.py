@@ -57,6 +57,7 @@ class Orchestrator:
         self._settings = RigSettings({side: CameraSettings() for side in devices.cameras})
         self._failures: dict[str, str] = {}
         self._cancellation: Cancellation | None = None
+        self._closed = False
         self.live = LiveView(devices, lambda: self._settings, self._preview_pattern)
 
     @property
@@ -82,6 +83,7 @@ class Orchestrator:
     def connect(self) -> None:
         """Open whatever is not open, also after a fault. Raises RigNotConnectedError that tells of every failure."""
         with self._exclusively("connecting"):
+            self._ask_all()
             self._open_all()
 
     def disconnect(self) -> None:
@@ -92,9 +94,11 @@ class Orchestrator:
 
     def close(self) -> None:
         """Cancel what runs, end the live view, close all devices; for the end of the program."""
+        self._closed = True
         self.cancel()
         self.live.close()
         self._close_all()
+        self._failures = {}
         self.devices.release()
 
     def look_after(self) -> None:
@@ -102,25 +106,22 @@ class Orchestrator:
 
         A device that is found lost, and why it cannot be opened, shows in its state and in ``failures``.
         """
-        if self.live.running:
-            return
+        if self.live.running and not self._failures and not self._is_any_lost():
+            return  # it asks the devices itself
         with (
             suppress(RigBusyError, RigNotConnectedError),
             self._lock.hold(_LOOKING, background=True),
             self.live.suspended(),
         ):
-            for device in self._all():
-                try:
-                    device.check()
-                except DriverError as error:
-                    self._failures = {**self._failures, device.name: str(error)}
-            self._revive()
+            self._ask_all()
+            self._revive(give_way=True)
 
     def cancel(self) -> bool:
         """Ask the capture or assistant under way to stop; whether there was one."""
         cancellation = self._cancellation
         if cancellation is not None:
             cancellation.request()
+            self.devices.projector.stop()  # also ends what the projector itself may be waiting for
         return cancellation is not None
 
     def configure_camera(self, side: Side, settings: CameraSettings) -> None:
@@ -166,6 +167,7 @@ class Orchestrator:
             for attempt in range(1, self.acquisition.retakes + 2):
                 cancellation.raise_if_requested()
                 sequence, report, findings = self._attempt(plan, settings, cancellation)
+                cancellation.raise_if_requested()
                 if sequence is not None and report is not None and not findings:
                     capture = make_capture(self.devices, request, sequence, report, tuple(refused), attempt)
                     acquisition_s = (sequence.exposed_ns - begun) / 1e9
@@ -223,10 +225,29 @@ class Orchestrator:
     def _all(self) -> tuple[Camera | Projector, ...]:
         return (*self.devices.cameras.values(), self.devices.projector)
 
-    def _open_all(self) -> None:
-        """Open what is closed or lost; on a failure of one, the others stay open and the failures are told together."""
+    def _ask_all(self) -> None:
+        """Have every open device show that it is there; those that do not are lost."""
+        for device in self._all():
+            try:
+                device.check()
+            except DriverError as error:
+                self._failures = {**self._failures, device.name: str(error)}
+
+    def _is_any_lost(self) -> bool:
+        return any(device.state in (CameraState.FAULT, ProjectorState.FAULT) for device in self._all())
+
+    def _open_all(self, *, give_way: bool = False) -> None:
+        """Open what is closed or lost; on a failure of one, the others stay open and the failures are told together.
+
+        give_way: leave the rest for the next time once somebody waits for the rig.
+        """
+        if self._closed:
+            raise RigNotConnectedError({})
         failures: dict[str, str] = {}
         for device in self._all():
+            if give_way and self._lock.wanted:
+                failures = {**self._failures, **failures}
+                break
             if _is_down(device):
                 device.close()
                 try:
@@ -242,11 +263,10 @@ class Orchestrator:
         for camera in self.devices.cameras.values():
             camera.close()
 
-    def _revive(self) -> None:
+    def _revive(self, *, give_way: bool = False) -> None:
         """Open again what was lost; a rig that somebody disconnected stays so."""
-        is_lost = any(device.state in (CameraState.FAULT, ProjectorState.FAULT) for device in self._all())
-        if is_lost or self._failures:
-            self._open_all()
+        if self._is_any_lost() or self._failures:
+            self._open_all(give_way=give_way)
         self._require_connected()
 
     def _came_back(self) -> bool:
@@ -273,6 +293,9 @@ class Orchestrator:
         self._cancellation = cancellation
         try:
             yield cancellation
+        except DriverError:
+            cancellation.raise_if_requested()  # a device that was stopped for it may say so as a failure
+            raise
         finally:
             self._cancellation = None
 

@@ -11,6 +11,9 @@ from drivers.errors import DeviceConfigurationError, DriverError
 from drivers.projector import LoadedSequence, ProjectorSettings
 from models.geometry.rig import Side
 
+_STEP = 0.001
+"""Share of an exposure that a camera's steps may make it differ from what was asked."""
+
 
 @dataclass(frozen=True)
 class RigSettings:
@@ -83,6 +86,18 @@ class Stopwatch:
         now = time.perf_counter()
         self.timings_s[step] = now - self._last
         self._last = now
+
+
+def lit_us(settings: RigSettings, applied: Mapping[Side, AppliedSettings]) -> float:
+    """How long each pattern is to be lit, microseconds: as long as the shorter of both exposures.
+
+    What a camera's steps take off or add is not passed on to the projector, whose shortest pattern has no room for it.
+    """
+    return min(_as_asked(settings.cameras[side].exposure_us, applied[side].exposure_us) for side in applied)
+
+
+def _as_asked(asked_us: float, applied_us: float) -> float:
+    return asked_us if abs(applied_us - asked_us) <= _STEP * asked_us else applied_us
 
 
 def require_one_depth(cameras: Mapping[Side, Camera], applied: Mapping[Side, AppliedSettings]) -> None:

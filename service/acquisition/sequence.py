@@ -21,6 +21,7 @@ from service.acquisition.recorded import (
     RecordedSequence,
     RigSettings,
     Stopwatch,
+    lit_us,
     read_back,
     require_one_depth,
     views_of,
@@ -52,8 +53,8 @@ def record_sequence(
             projector_settings = devices.projector.configure(settings.projector)
             watch.lap("configure")
             cancellation.raise_if_requested()
-            period_us = max(_shortest_period_us(camera, settings.cameras[side]) for side, camera in cameras.items())
-            lit = with_exposure(plan, min(a.exposure_us for a in applied.values()))
+            period_us = max(_shortest_period_us(camera, applied[side]) for side, camera in cameras.items())
+            lit = with_exposure(plan, lit_us(settings, applied))
             loaded = devices.projector.load(lit, period_us)
             watch.lap("load")
             cancellation.raise_if_requested()
@@ -85,10 +86,10 @@ def record_sequence(
     return RecordedSequence(loaded, views, started_ns, exposed_ns, projector_settings, error, watch.timings_s)
 
 
-def _shortest_period_us(camera: Camera, settings: CameraSettings) -> float:
+def _shortest_period_us(camera: Camera, applied: AppliedSettings) -> float:
     if not isinstance(camera, EdgeTriggered):
         raise DeviceConfigurationError(camera.name, "trigger", Trigger.HARDWARE_EDGE, "this camera has no trigger line")
-    return camera.min_period_us(settings)
+    return camera.min_period_us(CameraSettings(exposure_us=applied.exposure_us, gain_db=applied.gain_db))
 
 
 class _Patience:

@@ -7,11 +7,14 @@ it is held: an exposure sees all of it where it lasts one whole pass, wherever i
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 
-from drivers.camera import Camera, SoftwareTriggered, Trigger
+from drivers.camera import AppliedSettings, Camera, SoftwareTriggered, Trigger
 from drivers.devices import RigDevices
 from drivers.errors import DeviceConfigurationError, DriverError, FrameTimeoutError, IncompleteFrameError
 from drivers.projector import LoadedSequence
+from drivers.sequence_rules import check_plan
+from models.geometry.rig import Side
 from models.patterns import PatternPlan
 from service.acquisition.cancellation import Cancellation
 from service.acquisition.plans import with_exposure
@@ -20,6 +23,7 @@ from service.acquisition.recorded import (
     RecordedSequence,
     RigSettings,
     Stopwatch,
+    lit_us,
     read_back,
     require_one_depth,
     views_of,
@@ -27,6 +31,8 @@ from service.acquisition.recorded import (
 
 _SETTLE_S = 0.02
 """From the call that holds a pattern until its light is steady."""
+_WHOLE = 0.001
+"""Share of a pass that an exposure may lack or have too much."""
 _FRAME_S = 1.0
 """Longest wait for a frame beyond its exposure."""
 
@@ -47,7 +53,8 @@ def record_stepped(
         applied = {side: camera.configure(settings.cameras[side]) for side, camera in cameras.items()}
         require_one_depth(cameras, applied)
         projector_settings = devices.projector.configure(settings.projector)
-        lit = with_exposure(plan, min(a.exposure_us for a in applied.values()))
+        lit = with_exposure(plan, lit_us(settings, applied))
+        _require_whole_passes(devices, lit, applied)
         watch.lap("configure")
         for camera in cameras.values():
             camera.arm(len(plan), Trigger.SOFTWARE)
@@ -83,6 +90,21 @@ def record_stepped(
         timings_s=watch.timings_s,
         trigger=Trigger.SOFTWARE,
     )
+
+
+def _require_whole_passes(devices: RigDevices, lit: PatternPlan, applied: Mapping[Side, AppliedSettings]) -> None:
+    """A pattern of several bits flickers: an exposure that sees a part of its passes sees other grey values."""
+    pass_us = max(pattern.exposure_us or 0.0 for pattern in lit.patterns)
+    check_plan(lit, pass_us, devices.projector.info)
+    for side, camera in devices.cameras.items():
+        passes = applied[side].exposure_us / pass_us
+        if round(passes) < 1 or abs(passes - round(passes)) > _WHOLE * passes:
+            raise DeviceConfigurationError(
+                camera.name,
+                "exposure_us",
+                applied[side].exposure_us,
+                f"without a trigger wire it must be {pass_us:g} us, the time of one pattern, or a multiple of it",
+            )
 
 
 def _software(camera: Camera) -> SoftwareTriggered:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 
 from service.acquisition.orchestrator import Orchestrator
+
+logger = logging.getLogger("duofringe.service")
 
 
 class RigWatch:
@@ -26,4 +29,7 @@ class RigWatch:
 
     def _run(self) -> None:
         while not self._closed.wait(self._period_s):
-            self._orchestrator.look_after()
+            try:
+                self._orchestrator.look_after()
+            except Exception:  # whatever it was, the next cable that is pulled must be noticed
+                logger.exception("looking after the devices failed")

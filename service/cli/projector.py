@@ -14,6 +14,7 @@ import typer
 from service.cli import console
 from service.cli.firmware import register as register_firmware
 from service.cli.options import Json
+from service.cli.projector_video import register as register_video
 from service.cli.rig_options import Config, settings_from
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ def register(app: typer.Typer) -> None:
         help="Firmware and flash of the LightCrafter 4500.", no_args_is_help=True, rich_markup_mode=None
     )
     register_firmware(group)
+    register_video(group)
     group.command("flash", epilog=FLASH_EXAMPLE)(flash_command)
     group.command("rehearse-flash", epilog=REHEARSE_EXAMPLE)(rehearse_command)
     app.add_typer(group, name="projector")

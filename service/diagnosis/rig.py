@@ -51,7 +51,8 @@ def _devices(orchestrator: Orchestrator, *, exposure: bool) -> Iterator[Symptom]
 
 def _in_the_light(orchestrator: Orchestrator) -> Iterator[Symptom]:
     """A capture over a trigger line that is known to be broken would only say the same again."""
-    wires = list(examine_wiring(orchestrator)) if is_wired(orchestrator.devices) else []
+    wired = is_wired(orchestrator.devices) and orchestrator.acquisition.trigger == "projector"
+    wires = list(examine_wiring(orchestrator)) if wired else []
     yield from wires
     if all(symptom.state != "fault" for symptom in wires):
         yield _test_exposure(orchestrator)

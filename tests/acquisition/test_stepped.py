@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.camera import CameraState, Trigger
+from drivers.camera import CameraSettings, CameraState, Trigger
+from drivers.errors import DriverError
 from drivers.projector import ProjectorState
 from drivers.replay.source import ReplaySource
 from drivers.virtual.bench import Bench
@@ -121,3 +122,19 @@ def test_it_can_be_cancelled(stepped: Rig, monkeypatch: pytest.MonkeyPatch) -> N
     with pytest.raises(CaptureCancelledError):
         stepped.orchestrator.capture(CaptureRequest(plan="full"))
     assert stepped.is_safe
+
+
+@pytest.mark.parametrize(("left", "right", "why"), [(2000.0, 2000.0, "8333"), (9000.0, 12000.0, "multiple")])
+def test_exposures_are_whole_passes(stepped: Rig, left: float, right: float, why: str) -> None:
+    """A part of a flickering pattern has other grey values."""
+    for side, exposure_us in (("left", left), ("right", right)):
+        stepped.orchestrator.configure_camera(side, CameraSettings(exposure_us=exposure_us))  # type: ignore[arg-type]
+    with pytest.raises(DriverError, match=why):
+        stepped.orchestrator.capture(CaptureRequest(plan="full"))
+    assert stepped.is_safe
+
+
+def test_twice_as_long_is_two_passes(stepped: Rig) -> None:
+    for side, exposure_us in (("left", 9000.0), ("right", 18_000.0)):
+        stepped.orchestrator.configure_camera(side, CameraSettings(exposure_us=exposure_us))  # type: ignore[arg-type]
+    assert stepped.orchestrator.capture(CaptureRequest(plan="full")).attempts == 1
