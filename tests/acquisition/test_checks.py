@@ -9,12 +9,12 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.camera import AppliedSettings, Frame, StreamStatistics
+from drivers.camera import AppliedSettings, CameraSettings, Frame, StreamStatistics
 from drivers.projector import LoadedSequence, ProjectorSettings
 from models.patterns import make_plan
 from service.acquisition.checks import check_sequence
 from service.acquisition.finding import Fault
-from service.acquisition.recorded import RecordedSequence, View
+from service.acquisition.recorded import RecordedSequence, RigSettings, View, lit_us
 
 PLAN = make_plan("full")
 PERIOD_US = 10_000.0
@@ -128,3 +128,20 @@ def test_one_camera_without_frames_is_its_own_fault_and_both_the_projectors() ->
     assert [(f.fault, f.device) for f in check_sequence(_sequence(left=silent))] == [(Fault.NO_TRIGGER, "left camera")]
     both = check_sequence(_sequence(left=silent, right=_view("right", ())))
     assert [(f.fault, f.device) for f in both] == [(Fault.NOT_STARTED, "projector")]
+
+
+@given(
+    st.floats(8333, 300_000),
+    st.floats(8333, 300_000),
+    st.floats(-0.0009, 0.0009),
+)
+def test_what_a_cameras_steps_take_off_does_not_shorten_the_patterns(left: float, right: float, step: float) -> None:
+    asked = RigSettings({"left": CameraSettings(exposure_us=left), "right": CameraSettings(exposure_us=right)})
+    applied = {side: replace(APPLIED, exposure_us=s.exposure_us * (1 + step)) for side, s in asked.cameras.items()}
+    assert lit_us(asked, applied) == min(left, right)
+
+
+def test_an_exposure_that_is_held_to_a_limit_shortens_the_patterns() -> None:
+    asked = RigSettings({"left": CameraSettings(exposure_us=50_000), "right": CameraSettings(exposure_us=60_000)})
+    applied = {"left": replace(APPLIED, exposure_us=40_000.0), "right": replace(APPLIED, exposure_us=60_000.0)}
+    assert lit_us(asked, applied) == 40_000  # type: ignore[arg-type]

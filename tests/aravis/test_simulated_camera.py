@@ -15,8 +15,17 @@ from hypothesis import strategies as st
 from drivers.aravis.discovery import privilege
 from drivers.genicam.connection import FrameIds
 from drivers.gigevision import SimulatedGrasshopper
-from drivers.gigevision.pictures import number_on, numbered_ramp
-from drivers.gigevision.protocol import CONTROL_PORT, Bootstrap, Command, make_request, parse_answer, parse_request
+from drivers.gigevision.features import SENSOR_SIZE
+from drivers.gigevision.pictures import as_pixels, number_on, numbered_ramp
+from drivers.gigevision.protocol import (
+    CONTROL_PORT,
+    PIXEL_FORMATS,
+    Bootstrap,
+    Command,
+    make_request,
+    parse_answer,
+    parse_request,
+)
 from drivers.gigevision.sensor import Sensor
 
 READOUT_S = 480 * 5.17e-6
@@ -165,3 +174,15 @@ def test_the_number_on_a_picture_is_read_back(index: int, size: tuple[int, int])
     image = numbered_ramp(index, 20.0, 0.0, size)
     assert image.shape == size[::-1]
     assert number_on(image) == index
+
+
+@pytest.mark.parametrize("roi", [(160, 94, 880, 553), (200, 120, 860, 540), (96, 64, 900, 560)])
+def test_a_small_picture_lies_in_the_middle_of_the_sensor(roi: tuple[int, int, int, int]) -> None:
+    picture = np.arange(96 * 160, dtype=np.uint8).reshape(96, 160)
+    width, height, x, y = roi
+    seen = np.frombuffer(as_pixels(picture, roi, PIXEL_FORMATS["Mono8"]), np.uint8).reshape(height, width)
+    left, top = (SENSOR_SIZE[0] - 160) // 2 - x, (SENSOR_SIZE[1] - 96) // 2 - y
+    for row, column in ((40, 60), (50, 70)):
+        assert seen[row + top, column + left] == picture[row, column]
+    if top > 0:
+        assert not seen[:top].any()

@@ -176,3 +176,11 @@ class TestWhatCanBeSaid:
         for word in str(caught.value).rpartition("known are ")[2].split(", "):
             assert word in told
         assert commands.obey("") == told
+
+    def test_a_projector_without_power_cannot_be_sent_to_sleep(self, commands: BenchCommands) -> None:
+        commands.obey("unplug projector")
+        with pytest.raises(ValueError, match="unplugged"):
+            commands.obey("standby")
+        commands.obey("mend")
+        commands.obey("refuse power")
+        assert commands.obey("standby") == "the projector sleeps"

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import pytest
@@ -13,6 +16,7 @@ from drivers.lightcrafter import commands as c
 from drivers.projector import ProjectorState
 from drivers.virtual.faults import PlantedFault
 from models.geometry.rig import SIDES, Side
+from service.acquisition.cancellation import CaptureCancelledError
 from service.acquisition.finding import Fault, Finding
 from service.acquisition.orchestrator import RigNotConnectedError
 from service.acquisition.outcome import SequenceRefusedError
@@ -184,6 +188,32 @@ class TestController:
             bench.orchestrator.capture(CaptureRequest(plan="full", exposure_us=4000))
         assert bench.virtual.wiring.pulses_sent == before
         assert bench.is_safe
+
+
+class TestCancelling:
+    def test_while_the_controller_validates(self, bench: Bench) -> None:
+        bench.virtual.projector.faults.stuck_validation = True
+        threading.Timer(0.5, bench.orchestrator.cancel).start()
+        begun = time.monotonic()
+        with pytest.raises(CaptureCancelledError):
+            bench.orchestrator.capture(FULL)
+        assert time.monotonic() - begun < 2.0
+        assert bench.is_safe
+        _is_well(bench)
+
+    def test_while_patterns_are_shown(self, bench: Bench) -> None:
+        sent = bench.virtual.wiring.pulses_sent
+        with ThreadPoolExecutor(1) as pool:
+            capturing = pool.submit(bench.orchestrator.capture, FULL)
+            deadline = time.monotonic() + 10
+            while bench.virtual.wiring.pulses_sent < sent + 3 and time.monotonic() < deadline:
+                time.sleep(0.001)
+            assert bench.orchestrator.cancel()
+            with pytest.raises(CaptureCancelledError):
+                capturing.result()
+        assert sent + 3 <= bench.virtual.wiring.pulses_sent < sent + 33
+        assert bench.is_safe
+        _is_well(bench)
 
 
 class TestUnplugged:

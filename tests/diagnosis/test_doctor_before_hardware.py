@@ -57,6 +57,16 @@ def test_good_wires_are_told_before_the_capture(attached: EmulatedRig, tmp_path:
     assert is_put_away(attached)
 
 
+def test_a_rig_without_wires_is_not_asked_for_them(
+    attached: EmulatedRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DUOFRINGE_ACQUISITION__TRIGGER", "software")
+    told = told_of(tmp_path)
+    assert not [subject for subject in told if subject.startswith("trigger wiring")]
+    assert "test exposure" in told
+    assert is_put_away(attached)
+
+
 def test_a_wire_that_is_pulled_is_told_and_no_capture_tried(attached: EmulatedRig, tmp_path: Path) -> None:
     attached.wires = {"left"}
     told = told_of(tmp_path)

@@ -10,14 +10,18 @@ from pydantic import ValidationError
 from recorded import write
 
 from drivers import registry
+from drivers.aravis import AravisCamera
 from drivers.devices import RigDevices
-from drivers.errors import DeviceBusyError, DeviceNotFoundError, DeviceUnavailableError
+from drivers.errors import DeviceBusyError, DeviceConfigurationError, DeviceNotFoundError, DeviceUnavailableError
+from drivers.lightcrafter.manifest import FlashManifest
+from drivers.lightcrafter.projector import LightCrafter
 from drivers.registry import RigConfiguration, make_devices
 from drivers.replay.source import ReplaySource
 from drivers.simulator.devices import SimulatedSource
 from drivers.virtual.rig import bench_of, virtual_rig
 from models.errors import CalibrationError
 from models.geometry.rig import Rig
+from models.patterns import make_plan
 
 
 @pytest.fixture
@@ -126,6 +130,34 @@ def test_hardware_that_another_program_holds_is_not_replaced_by_a_replay(
     no_hardware["aravis"] = busy
     with pytest.raises(DeviceBusyError):
         make_devices(RigConfiguration(replay=recordings))
+
+
+def test_cameras_that_are_not_told_apart_are_not_replaced_by_a_replay(
+    recordings: Path, no_hardware: dict[str, registry.Factory], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are attached: the configuration is what lacks."""
+    monkeypatch.setattr(registry, "require_attached", lambda cameras, projector: None)
+    no_hardware["cameras"] = registry._attached
+    with pytest.raises(DeviceConfigurationError, match=r"rig\.cameras\.left\.serial"):
+        make_devices(RigConfiguration(replay=recordings))
+
+
+def test_hardware_that_is_configured_is_made(tmp_path: Path) -> None:
+    manifest = tmp_path / "manifest.json"
+    FlashManifest.packed(make_plan("composite")).write(manifest)
+    devices = make_devices(
+        RigConfiguration.model_validate(
+            {
+                "driver": "hardware",
+                "cameras": {"left": {"serial": "1"}, "right": {"address": "127.0.0.9"}},
+                "projector": {"manifest": manifest},
+            }
+        )
+    )
+    assert [camera.name for camera in devices.cameras.values()] == ["left camera", "right camera"]
+    assert isinstance(devices.left, AravisCamera)
+    assert isinstance(devices.projector, LightCrafter)
+    assert devices.stage is None
 
 
 @pytest.mark.parametrize(
