@@ -8,12 +8,15 @@ from dataclasses import dataclass
 from typing import Generic, NamedTuple, TypeVar
 
 from drivers.lightcrafter.values import (
+    Input,
     LedSelect,
     LutControl,
     LutEntry,
     Release,
+    Source,
     Trigger,
     Versions,
+    Width,
 )
 
 T = TypeVar("T")
@@ -122,6 +125,14 @@ def _decode_entries(data: bytes) -> tuple[LutEntry, ...]:
     return tuple(decode_entry(data[at : at + ENTRY_BYTES]) for at in range(0, len(data), ENTRY_BYTES))
 
 
+def _encode_input(chosen: Input) -> bytes:
+    return bytes([chosen.source | chosen.width << 3])
+
+
+def _decode_input(data: bytes) -> Input:
+    return Input(Source(data[0] & 7), Width(data[0] >> 3 & 7))
+
+
 def _decode_tag(data: bytes) -> str:
     return data.split(b"\0")[0].decode("ascii").strip()
 
@@ -130,6 +141,7 @@ VERSIONS: Codec[Versions] = Codec(
     16, lambda versions: struct.pack("<4I", *map(_encode_release, versions)), _decode_versions
 )
 LUT_CONTROL: Codec[LutControl] = Codec(4, _encode_control, _decode_control)
+INPUT: Codec[Input] = Codec(1, _encode_input, _decode_input)
 ENTRIES: Codec[tuple[LutEntry, ...]] = Codec(
     None, lambda entries: b"".join(map(encode_entry, entries)), _decode_entries
 )

@@ -17,6 +17,7 @@ from drivers.lightcrafter.values import (
     Currents,
     HardwareStatus,
     ImageRange,
+    Input,
     InternalColour,
     InternalPattern,
     LedEnable,
@@ -26,9 +27,9 @@ from drivers.lightcrafter.values import (
     MainStatus,
     Mode,
     PatternSource,
+    PixelFormat,
     Power,
     Run,
-    Source,
     Timing,
     TriggerMode,
     TriggerOutput,
@@ -97,7 +98,8 @@ POWER: Command[Power] = Command("power", 0x0200, 0x07, BOTH, byte(Power, 3))
 DISPLAY_MODE: Command[Mode] = Command("display mode", 0x1A1B, 0x69, BOTH, byte(Mode, 1))
 VIDEO_SIGNAL: Command[VideoSignal] = Command("video signal", 0x071C, 0x01, READ, fields(VideoSignal, "B2H3BI8H"))
 CHANNEL_SWAP: Command[int] = Command("channel swap", 0x1A37, 0x04, BOTH, integer(1))
-INPUT_SOURCE: Command[Source] = Command("input source", 0x1A00, 0x00, BOTH, byte(Source, 3))
+INPUT_SOURCE: Command[Input] = Command("input source", 0x1A00, 0x00, BOTH, codecs.INPUT)
+PIXEL_FORMAT: Command[PixelFormat] = Command("pixel format", 0x1A02, 0x02, BOTH, byte(PixelFormat, 3))
 TEST_PATTERN: Command[InternalPattern] = Command("test pattern", 0x1203, 0x0A, BOTH, byte(InternalPattern))
 TEST_COLOUR: Command[InternalColour] = Command("test colour", 0x1204, 0x1A, BOTH, fields(InternalColour, "6H"))
 GAMMA: Command[int] = Command("gamma", 0x1A0E, 0x31, BOTH, integer(1))
@@ -134,6 +136,7 @@ TABLE: tuple[Command[Any], ...] = (
     VIDEO_SIGNAL,
     CHANNEL_SWAP,
     INPUT_SOURCE,
+    PIXEL_FORMAT,
     TEST_PATTERN,
     TEST_COLOUR,
     GAMMA,

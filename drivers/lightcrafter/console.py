@@ -19,18 +19,17 @@ from drivers.lightcrafter.values import (
     Currents,
     HardwareStatus,
     ImageRange,
+    Input,
     InternalColour,
     InternalPattern,
     LedEnable,
     Mailbox,
     MainStatus,
     Mode,
-    PatternSource,
     Power,
     Release,
     Run,
     Source,
-    TriggerMode,
     TriggerOutput,
     Validation,
     Versions,
@@ -65,6 +64,10 @@ class Console:
     def interrupt(self) -> None:
         """End a validation that another thread waits for."""
         self._interrupted.set()
+
+    @property
+    def configuration(self) -> LightCrafterConfiguration:
+        return self._configuration
 
     def read(self, command: Command[T]) -> T:
         return read(self._transport, command)
@@ -207,15 +210,16 @@ class Console:
             self.halt()
         if self.read(c.DISPLAY_MODE) is not Mode.PATTERN:
             self.set_mode(Mode.PATTERN)
-        self.write(c.PATTERN_SOURCE, PatternSource.FLASH)
+        self.write(c.PATTERN_SOURCE, program.source)
         self.write(c.LUT_CONTROL, program.control)
         self.write(c.TIMING, program.timing)
-        self.write(c.TRIGGER_MODE, TriggerMode.INTERNAL)
+        self.write(c.TRIGGER_MODE, program.trigger_mode)
         images = program.images
         if len(images) == 2 and self._configuration.swap_two_images:
             images = images[::-1]
         self._fill(Mailbox.PATTERNS, c.PATTERN_ENTRIES, program.entries, ENTRY_BYTES)
-        self._fill(Mailbox.IMAGES, c.IMAGE_INDEXES, images, 1)
+        if images:
+            self._fill(Mailbox.IMAGES, c.IMAGE_INDEXES, images, 1)
         return self._validate()
 
     def _fill(self, box: Mailbox, command: Command[tuple[T, ...]], values: tuple[T, ...], size: int) -> None:
@@ -274,10 +278,10 @@ class Console:
         if image is None:
             self.write(c.TEST_PATTERN, InternalPattern.SOLID)
             self.write(c.TEST_COLOUR, InternalColour(_FULL, _FULL, _FULL, 0, 0, 0))
-            self.write(c.INPUT_SOURCE, Source.TEST_PATTERN)
+            self.write(c.INPUT_SOURCE, Input(Source.TEST_PATTERN))
         else:
             self.write(c.STILL_IMAGE, image)
-            self.write(c.INPUT_SOURCE, Source.FLASH)
+            self.write(c.INPUT_SOURCE, Input(Source.FLASH))
         self.set_mode(Mode.VIDEO)
 
     def _reach(self, reached: Callable[[], bool], failure: str, again: Callable[[], None] | None = None) -> None:

@@ -11,12 +11,24 @@ from drivers.errors import SequenceInvalidError
 from drivers.lightcrafter import planes
 from drivers.lightcrafter.commands import NAME
 from drivers.lightcrafter.manifest import FlashManifest, StoredPattern
-from drivers.lightcrafter.values import MAXIMUM_IMAGES, LedSelect, LutControl, LutEntry, Timing
+from drivers.lightcrafter.planes import PLANES, Depth
+from drivers.lightcrafter.values import (
+    MAXIMUM_IMAGES,
+    LedSelect,
+    LutControl,
+    LutEntry,
+    PatternSource,
+    Timing,
+    Trigger,
+    TriggerMode,
+)
 from drivers.projector import LoadedSequence, ProjectorInfo
 from drivers.sequence_rules import check_plan
 from models.patterns import Pattern, PatternPlan
 
 LONGEST_PERIOD_US = 200_000_000
+VIDEO_FRAME_US = 16_667
+"""Of a video input at 60 Hz."""
 LoadTime = Callable[[int], float]
 """How long a flash image takes to come into the buffer, microseconds, by its index."""
 
@@ -25,19 +37,26 @@ LoadTime = Callable[[int], float]
 class Program:
     """What is sent to the controller for one sequence.
 
-    images: flash image of each buffer swap, in the order of the swaps.
+    images: flash image of each buffer swap, in the order of the swaps; none where the patterns come as video. source:
+    where the patterns come from.
     """
 
     entries: tuple[LutEntry, ...]
     images: tuple[int, ...]
     timing: Timing
     repeat: bool = False
+    source: PatternSource = PatternSource.FLASH
 
     @property
     def control(self) -> LutControl:
-        """A sequence that repeats counts one pattern from pulse to pulse of the second trigger output."""
-        shown = 1 if self.repeat else len(self.entries)
-        return LutControl(len(self.entries), self.repeat, shown, len(self.images))
+        """The second trigger output pulses once a video frame, and at each pattern where one of flash repeats."""
+        shown = 1 if self.repeat and self.source is PatternSource.FLASH else len(self.entries)
+        return LutControl(len(self.entries), self.repeat, shown, max(1, len(self.images)))
+
+    @property
+    def trigger_mode(self) -> TriggerMode:
+        """What starts the sequence: a video frame, or the controller itself."""
+        return TriggerMode.VSYNC if self.source is PatternSource.VIDEO else TriggerMode.INTERNAL
 
 
 def compile_plan(
@@ -79,6 +98,25 @@ def hold_program(stored: StoredPattern, exposure_us: int, leds: LedSelect = LedS
     exposure_us = max(exposure_us, planes.minimum_exposure_us(stored.depth))
     entry = LutEntry(stored.number, stored.depth, leds=leds, swap=True)
     return Program((entry,), (stored.image,), Timing(exposure_us, exposure_us), repeat=True)
+
+
+def video_program(depth: Depth, leds: LedSelect = LedSelect.WHITE, patterns: int | None = None) -> Program:
+    """The first patterns of each video frame at 60 Hz, over and over, without dark between.
+
+    patterns: how many a frame; None takes as many as fit, two of 8 bits for 8333 us each or 24 of one bit for 694 us.
+    Raises SequenceInvalidError for more.
+    """
+    most = min(PLANES // depth, VIDEO_FRAME_US // planes.minimum_exposure_us(depth))
+    count = most if patterns is None else patterns
+    if not 1 <= count <= most:
+        raise SequenceInvalidError(
+            NAME,
+            f"{count} patterns of {depth} bits do not go into a video frame of {VIDEO_FRAME_US} us; 1 to {most} do",
+        )
+    first = LutEntry(0, depth, Trigger.EXTERNAL_POSITIVE, leds, swap=True)
+    rest = (LutEntry(number, depth, Trigger.CONTINUE, leds) for number in range(1, count))
+    exposure_us = VIDEO_FRAME_US // count
+    return Program((first, *rest), (), Timing(exposure_us, exposure_us), repeat=True, source=PatternSource.VIDEO)
 
 
 def find_stored(pattern: Pattern, manifest: FlashManifest) -> StoredPattern:

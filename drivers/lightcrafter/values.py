@@ -97,6 +97,32 @@ class Source(IntEnum):
     FPD_LINK = 3
 
 
+class Width(IntEnum):
+    """Bits of a pixel of the video mode's input (1A 00, bits 5:3)."""
+
+    BITS_30 = 0
+    BITS_24 = 1
+    BITS_20 = 2
+    BITS_16 = 3
+    BITS_10 = 4
+    BITS_8 = 5
+
+
+class Input(NamedTuple):
+    """Argument of 1A 00."""
+
+    source: Source
+    width: Width = Width.BITS_30
+
+
+class PixelFormat(IntEnum):
+    """Argument of 1A 02."""
+
+    RGB444 = 0
+    YCRCB444 = 1
+    YCRCB422 = 2
+
+
 class PatternSource(IntEnum):
     """Argument of 1A 22."""
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from drivers.lightcrafter.emulator.player import Exposure, OnPulse, OnValid, exp
 from drivers.lightcrafter.emulator.registers import DEFAULTS, TICKS_PER_MS
 from drivers.lightcrafter.emulator.sequencer import Sequencer
 from drivers.lightcrafter.emulator.validation import validate
+from drivers.lightcrafter.emulator.video import EmulatedVideo, plays_video
 from drivers.lightcrafter.values import (
     Currents,
     HardwareStatus,
@@ -57,7 +59,8 @@ class EmulatedController:
     """One DLPC350 with its LEDs inverted as on the EVM.
 
     on_pulse: called at each pulse of the trigger output, from the thread of the sequence, or from ``step``. on_valid:
-    called with a sequence that passed validation, which lasts until it returns, on a thread of its own.
+    called with a sequence that passed validation, which lasts until it returns, on a thread of its own. Neither is
+    called for one out of the video input, whose patterns follow each other without dark. video: that input.
     realtime: sequences run by themselves; else ``step`` shows one pattern after the other. two_image_quirk: two entries
     of the image LUT are read in exchanged order. entries, indexes: the pattern and the image LUT, as they were sent.
     """
@@ -77,6 +80,7 @@ class EmulatedController:
     ) -> None:
         self.faults = EmulatedFaults()
         self.flash = flash
+        self.video = EmulatedVideo()
         self._on_valid = on_valid
         self._sequencer = Sequencer(on_pulse, self._end, realtime=realtime)
         self._version = version
@@ -188,6 +192,8 @@ class EmulatedController:
             return round(sum(1e-3 * self.flash.load_us(first + k) for k in range(count)) * TICKS_PER_MS)
         if command is c.LED_CURRENT and self.faults.wrong_currents:
             return Currents(1, 2, 3)
+        if command is c.VIDEO_SIGNAL:
+            return self.video.status(self._values)
         if command not in self._values:
             raise RefusedError
         return self._values[command]
@@ -237,15 +243,14 @@ class EmulatedController:
         self._valid = False
 
     def _validate(self) -> None:
-        timing, control = self._values[c.TIMING], self._values[c.LUT_CONTROL]
-        entries, images = self._luts.selected(control)
-        found = validate(entries, images, timing, control, len(self.flash))
+        entries, images = self._luts.selected(self._values[c.LUT_CONTROL])
+        found = validate(entries, images, self._values, len(self.flash))
         self._validation = found | Validation(self.faults.validation)
         errors = self._validation & (Validation.EXPOSURE_INVALID | Validation.PATTERN_INVALID)
         self._valid = not errors and self._values[c.MAILBOX_SELECT] is Mailbox.CLOSED
         self._validated_at = time.monotonic() + self._validation_s
-        if self._valid and self._on_valid is not None:
-            exposures = exposures_of(entries, images, timing, self.flash)
+        if self._valid and self._on_valid is not None and not plays_video(self._values):
+            exposures = exposures_of(entries, images, self._values[c.TIMING], self.flash)
             self._examining = threading.Thread(target=self._on_valid, args=(exposures,), daemon=True)
             self._examining.start()
 
@@ -269,14 +274,18 @@ class EmulatedController:
             return b""
 
     def _start(self) -> None:
-        if self._values[c.DISPLAY_MODE] is not Mode.PATTERN or not self._valid or self._is_validating():
+        in_mode, from_video = self._values[c.DISPLAY_MODE] is Mode.PATTERN, plays_video(self._values)
+        if not in_mode or not self._valid or self._is_validating() or (from_video and not self.video.plays):
             self._status |= HardwareStatus.SEQUENCE_ERROR
             return
         timing, control = self._values[c.TIMING], self._values[c.LUT_CONTROL]
         self._status = HardwareStatus.INITIALISED
-        exposures = exposures_of(*self._luts.selected(control), timing, self.flash)
+        entries, images = self._luts.selected(control)
         self._run = Run.START
-        self._sequencer.play(exposures, timing, control)
+        if from_video:
+            self._sequencer.follow(partial(self.video.next_frame, entries, timing))
+        else:
+            self._sequencer.play(exposures_of(entries, images, timing, self.flash), timing, control)
 
     def step(self) -> Exposure | None:
         """Show the next pattern, without real time; None where the sequence has ended."""
@@ -286,6 +295,8 @@ class EmulatedController:
         with self._lock:
             self._run = Run.STOP
             self._forget_luts()
+            if plays_video(self._values):  # which ends by itself only where the signal is lost
+                self._status |= HardwareStatus.SEQUENCE_ABORTED
 
     def led_shares(self, leds: LedSelect = LedSelect.WHITE) -> tuple[float, float, float]:
         """Drive of the red, green and blue LED under a pattern that these light, 0..1."""
@@ -296,7 +307,7 @@ class EmulatedController:
     def light(self) -> npt.NDArray[np.float64]:
         """What the projector emits now: (rows, columns, 3) red, green, blue, 0..255."""
         alive = self._plugged and self._power is Power.NORMAL
-        return emitted(self._values, self.showing, self.flash) * float(alive)
+        return emitted(self._values, self.showing, self.flash, self.video) * float(alive)
 
 
 def _decoded(command: Command[Any], payload: bytes) -> Any:

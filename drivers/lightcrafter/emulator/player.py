@@ -2,24 +2,35 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 from drivers.lightcrafter.emulator.flash import EmulatedFlash, FlashPixels
-from drivers.lightcrafter.values import LutControl, LutEntry, Timing
+from drivers.lightcrafter.values import LutEntry, Timing
 
 _LEAD_US = 2000.0
+
+
+class Images(Protocol):
+    """Where the controller takes bit planes from."""
+
+    def shown(self, index: int, number: int, depth: int) -> FlashPixels:
+        """Levels on the mirrors (rows, columns), 0..255."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
     """One pattern of a sequence as the mirrors show it.
 
-    index: from the start of the sequence. image: what is in the buffer. stale: that is not what the LUT asks for, since
-    its image had not come out of flash in time. at_us: when the pulse comes, after the first. lit_us, dark_us: how long
-    the light is on, and then off until the next exposure.
+    index: from the start of the sequence, or of the video frame. image: what is in the buffer, below 0 for a frame.
+    stale: that is not what the LUT asks for, since its image had not come out of flash in time. images: where it comes
+    from. at_us: when the pulse comes, after the first. lit_us, dark_us: how long the light is on, and then off until
+    the next exposure.
     """
 
     index: int
@@ -27,14 +38,14 @@ class Exposure:
     entry: LutEntry
     image: int
     stale: bool
-    flash: EmulatedFlash
+    images: Images
     lit_us: float
     dark_us: float
 
     @property
     def levels(self) -> FlashPixels:
         """(rows, columns), 0..255."""
-        levels = self.flash.shown(self.image, self.entry.number, self.entry.depth)
+        levels = self.images.shown(self.image, self.entry.number, self.entry.depth)
         return 255 - levels if self.entry.inverted else levels
 
 
@@ -66,21 +77,20 @@ def exposures_of(
 class Player:
     """Shows exposures in real time on a thread of its own, which ends with the sequence.
 
-    Where exposures follow each other without dark, the trigger output stays high: one pulse for all.
+    passes: the exposures from each start of the LUT to its end, asked for as the pass begins; none ends the sequence.
+    pass_us: from the start of one to the next.
     """
 
     def __init__(
         self,
-        exposures: tuple[Exposure, ...],
-        timing: Timing,
-        control: LutControl,
-        on_pulse: OnPulse,
+        passes: Iterator[tuple[Exposure, ...]],
+        pass_us: float,
+        on_show: Callable[[Exposure], None],
         on_end: Callable[[], None],
     ) -> None:
-        self._exposures = exposures
-        self._timing = timing
-        self._repeat = control.repeat
-        self._on_pulse = on_pulse
+        self._passes = passes
+        self._pass_us = pass_us
+        self._on_show = on_show
         self._on_end = on_end
         self._halt = threading.Event()
         self._thread = threading.Thread(target=self._play, name="emulated projector", daemon=True)
@@ -89,25 +99,25 @@ class Player:
         self._thread.start()
 
     def halt(self) -> None:
-        """No pulse comes after this returns, unless it comes from the thread of the player itself."""
+        """Nothing is shown after this returns, unless it comes from the thread of the player itself."""
         self._halt.set()
         if self._thread is not threading.current_thread():
             self._thread.join()
 
     def _play(self) -> None:
         begin_s = time.monotonic() + 1e-6 * _LEAD_US
-        gapless = self._timing.period_us == self._timing.exposure_us
-        passes = 0
-        while True:
-            for exposure in self._exposures:
-                at_us = exposure.at_us + passes * len(self._exposures) * self._timing.period_us
-                if self._halt.wait(max(0.0, begin_s + 1e-6 * at_us - time.monotonic())):
-                    return
-                if not gapless or (passes == 0 and exposure.index == 0):
-                    self._on_pulse(exposure)
-            passes += 1
-            if not self._repeat:
+        for count in itertools.count():
+            pass_s = begin_s + 1e-6 * count * self._pass_us
+            if self._halted_before(pass_s):
+                return
+            exposures = next(self._passes, ())
+            if not exposures:
                 break
-        end_us = len(self._exposures) * self._timing.period_us
-        if not self._halt.wait(max(0.0, begin_s + 1e-6 * end_us - time.monotonic())):
-            self._on_end()
+            for exposure in exposures:
+                if self._halted_before(pass_s + 1e-6 * exposure.at_us):
+                    return
+                self._on_show(exposure)
+        self._on_end()
+
+    def _halted_before(self, time_s: float) -> bool:
+        return self._halt.wait(max(0.0, time_s - time.monotonic()))

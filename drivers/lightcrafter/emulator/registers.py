@@ -9,12 +9,14 @@ from drivers.lightcrafter import commands as c
 from drivers.lightcrafter.commands import Command
 from drivers.lightcrafter.values import (
     Currents,
+    Input,
     InternalColour,
     LedEnable,
     LutControl,
     Mailbox,
     Mode,
     PatternSource,
+    PixelFormat,
     Source,
     Timing,
     TriggerMode,
@@ -25,7 +27,8 @@ TICKS_PER_MS = 18667
 """Unit of the image load time."""
 DEFAULTS: Mapping[Command[Any], Any] = {
     c.DISPLAY_MODE: Mode.VIDEO,
-    c.INPUT_SOURCE: Source.PARALLEL,
+    c.INPUT_SOURCE: Input(Source.PARALLEL),
+    c.PIXEL_FORMAT: PixelFormat.RGB444,
     c.CHANNEL_SWAP: 4,
     c.TEST_PATTERN: 0,
     c.TEST_COLOUR: InternalColour(1023, 1023, 1023, 0, 0, 0),
