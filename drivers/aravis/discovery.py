@@ -38,7 +38,11 @@ def privilege(address: str) -> int | None:
     """Control register of a GigE Vision camera: 0 while nobody controls it; None where it does not answer."""
     number = secrets.randbelow(0xFFFF) + 1
     request = make_request(Command.READ_REGISTERS, number, int(Bootstrap.PRIVILEGE).to_bytes(4, "big"))
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+    try:
+        asking = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    except OSError:  # no more files, or no network at all
+        return None
+    with asking:
         for patience_s in _TRIES_S:
             try:
                 asking.sendto(request, (address, CONTROL_PORT))

@@ -74,7 +74,7 @@ class GenicamCamera(ABC):
             connection = self._connect()
             try:
                 info = self._learn(connection)
-            except DriverError as error:
+            except BaseException as error:  # whatever it is, the camera must not stay taken
                 connection.release(dead=isinstance(error, DeviceLostError))
                 raise
             self._connection, self._info = connection, info
