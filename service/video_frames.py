@@ -15,15 +15,12 @@ from pydantic import BaseModel, ConfigDict, Field
 from drivers.lightcrafter import planes
 from drivers.lightcrafter.bitmaps import write_image
 from drivers.lightcrafter.planes import Depth
+from drivers.lightcrafter.sequence import VIDEO_FRAME_US
 from drivers.lightcrafter.splash import Pixels
+from drivers.lightcrafter.video import CHANNEL_SWAP
 from models.atomic import atomic_folder, write_text_atomically
 from models.patterns import LIGHTCRAFTER_4500, Pattern, PatternPlan, Raster
 
-FRAME_US = 16_667
-"""Of a video output at 60 Hz."""
-EVM_CHANNEL_SWAP = 4
-"""Register 1A 37 as the board sets it. With it a frame's green byte is taken for the planes G0..G7, its red for R0..R7
-and its blue for B0..B7; that has not been tried."""
 _DEPTHS: tuple[Depth, ...] = (8, 1)
 
 
@@ -56,8 +53,8 @@ class VideoManifest(BaseModel):
     format: Literal["duofringe-video/1"] = "duofringe-video/1"
     columns: int = LIGHTCRAFTER_4500.columns
     rows: int = LIGHTCRAFTER_4500.rows
-    frame_us: int = FRAME_US
-    channel_swap: int = EVM_CHANNEL_SWAP
+    frame_us: int = VIDEO_FRAME_US
+    channel_swap: int = CHANNEL_SWAP
     frames: tuple[VideoFrame, ...]
 
     def render(self, frame: VideoFrame) -> Pixels:
@@ -75,9 +72,9 @@ def pack_frames(plan: PatternPlan) -> VideoManifest:
     frames: list[VideoFrame] = []
     for depth in _DEPTHS:
         members = [p for p in plan.patterns if (p.is_gray or p.is_uniform) == (depth == 1)]
-        at_once = min(planes.PLANES // depth, FRAME_US // planes.minimum_exposure_us(depth), len(members))
+        at_once = min(planes.PLANES // depth, VIDEO_FRAME_US // planes.minimum_exposure_us(depth), len(members))
         for start in range(0, len(members), max(1, at_once)):
-            exposure_us = FRAME_US // at_once
+            exposure_us = VIDEO_FRAME_US // at_once
             shown: list[Pattern | None] = list(members[start : start + at_once])
             shown += [None] * (at_once - len(shown))
             frames.append(

@@ -31,8 +31,12 @@ COMMANDS = (
     "patterns list",
     "patterns export",
     "projector flash",
+    "projector rehearse-flash",
+    "projector video",
+    "projector signal",
     "projector firmware inspect",
     "projector firmware build",
+    "bench",
     "doctor",
 )
 Run = Callable[..., tuple[int, str, str]]

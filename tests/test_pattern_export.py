@@ -14,11 +14,12 @@ import pytest
 from drivers.lightcrafter import planes
 from drivers.lightcrafter.bitmaps import read_bitmap, write_image
 from drivers.lightcrafter.manifest import FlashManifest
+from drivers.lightcrafter.sequence import VIDEO_FRAME_US
 from drivers.lightcrafter.splash import FirmwareError
 from models.patterns import LIGHTCRAFTER_4500, PLAN_NAMES, Pattern, make_plan
 from service.flash_images import read_flash_images
 from service.pattern_images import combined_plan
-from service.video_frames import FRAME_US, VideoManifest, pack_frames
+from service.video_frames import VideoManifest, pack_frames
 
 Run = Callable[..., tuple[int, str, str]]
 Pixels = np.ndarray
@@ -196,7 +197,7 @@ class TestFrames:
         manifest = pack_frames(make_plan(plan))  # type: ignore[arg-type]
         for frame in manifest.frames:
             assert frame.exposure_us == frame.period_us
-            assert frame.period_us * len(frame.patterns) <= FRAME_US
+            assert frame.period_us * len(frame.patterns) <= VIDEO_FRAME_US
             assert frame.exposure_us >= planes.minimum_exposure_us(frame.depth)
             assert [s.number for s in frame.patterns] == list(range(len(frame.patterns)))
             assert len(frame.patterns) <= {8: 2, 1: 24}[frame.depth]

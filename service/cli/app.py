@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import traceback
+from types import FrameType
 from typing import Annotated
 
 import typer
@@ -61,6 +63,8 @@ for register in (
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit: 0 done, 1 the work failed (one line on stderr), 2 usage, 130 interrupted."""
+    if arguments is None:
+        signal.signal(signal.SIGTERM, _end)
     words = sys.argv[1:] if arguments is None else arguments
     debug = _DEBUG in words
     if debug:
@@ -74,6 +78,11 @@ def main(arguments: list[str] | None = None) -> None:
     except Exception as error:  # noqa: BLE001  # the last door: no traceback reaches a user
         hint = "" if debug else f"; run again with {_DEBUG} and report it"
         _fail(f"unexpected {type(error).__name__}: {error}{hint}", error, debug=debug)
+
+
+def _end(number: int, _: FrameType | None) -> None:
+    """By way of an exception, so that every device is left as after any other end."""
+    raise SystemExit(128 + number)
 
 
 def _fail(text: str, error: Exception, *, debug: bool) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import time
 import tomllib
@@ -21,13 +22,18 @@ from service.settings import load_settings
 PATIENCE_S = 20.0
 
 
+def _beside(offset: int) -> list[str]:
+    """Addresses of this process's own, other than those of benches in it."""
+    parts = [address.split(".") for address in own_addresses().values()]
+    return [".".join((first, str(int(second) + offset), *rest)) for first, second, *rest in parts]
+
+
 class BenchProcess:
     """The command in a process of its own."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        # addresses of this process's own, beside those of benches that other tests have
-        places = [address.replace("127.", "127.1", 1) for address in own_addresses().values()]
+        places = _beside(128)
         self.process = subprocess.Popen(
             [PROGRAM, "bench", folder, "--left", places[0], "--right", places[1]],
             stdin=subprocess.PIPE,
@@ -112,6 +118,26 @@ def test_a_second_bench_at_the_same_place_is_told_where_to_go(
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert "--left" in line
     assert not (tmp_path / "second").exists()
+
+
+def test_a_bench_that_is_told_to_end_is_taken_down(aravis: None, tmp_path: Path) -> None:
+    """By the signal that systems send at shutdown: what a program holds is let go of all the same."""
+    places = _beside(64)
+    folder = tmp_path / "rehearsal"
+    process = subprocess.Popen(
+        [PROGRAM, "bench", folder, "--left", places[0], "--right", places[1]],
+        stdin=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        assert _until(lambda: (folder / "bench.toml").exists())
+        assert (folder / "projector").is_symlink()
+        process.terminate()
+        assert process.wait(PATIENCE_S) == 128 + signal.SIGTERM
+    finally:
+        process.kill()
+        process.communicate()
+    assert not (folder / "projector").is_symlink()
 
 
 class TestWhatCanBeSaid:
