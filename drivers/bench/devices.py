@@ -42,7 +42,8 @@ def devices_of(
     manifest: what the driver believes to be in flash, the truth where None. configuration: of the projector's driver.
     """
     left, right = (_camera(bench, side) for side in SIDES)
-    projector = LightCrafter(UsbTransport(backend=bench.usb), manifest or bench.manifest, configuration)
+    transport = UsbTransport(timeout_s=configuration.timeout_s, backend=bench.usb)
+    projector = LightCrafter(transport, manifest or bench.manifest, configuration)
     return RigDevices(left, right, projector, calibration, bench.source, release=bench.close)
 
 

@@ -216,11 +216,11 @@ class LightCrafter:
             self._state = ProjectorState.HOLDING
 
     def _light(self, begin: Callable[[], None]) -> None:
-        """Begin to show something; where that fails it may have begun all the same, and is ended."""
+        """Begin to show something; where that is refused it may have begun all the same, and is ended."""
         self._may_be_lit = True
         try:
             begin()
-        except DriverError:
+        except (ProtocolError, SequenceInvalidError):
             with suppress(DriverError):
                 self._go_dark()
             raise
@@ -275,8 +275,9 @@ class LightCrafter:
         with self._lock:
             if self._state is not ProjectorState.CLOSED:
                 self._end_light()
-                with suppress(DriverError):
-                    self._console.go_dark()
+                if self._state is not ProjectorState.FAULT:
+                    with suppress(DriverError):
+                        self._console.go_dark()
             self._transport.close()
             self._state = ProjectorState.CLOSED
             self._sequence, self._ready = None, False

@@ -11,17 +11,18 @@ from drivers.lightcrafter.settings import LightCrafterConfiguration
 from drivers.projector import ProjectorState
 from service.acquisition.orchestrator import Orchestrator
 
-IMPATIENT = LightCrafterConfiguration(timeout_s=0.5, validate_first_s=0.02, validate_s=3.0, wake_s=0.3)
+IMPATIENT = LightCrafterConfiguration(timeout_s=0.4, settle_s=0.5, validate_first_s=0.02, validate_s=2.0, wake_s=0.3)
 """For a bench whose images are small."""
 
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """An orchestrator with the bench below its devices."""
+    """An orchestrator with the bench below its devices, and another that tries nothing twice."""
 
     virtual: VirtualBench
     devices: RigDevices
     orchestrator: Orchestrator
+    strict: Orchestrator
 
     @property
     def is_safe(self) -> bool:
@@ -30,4 +31,4 @@ class Bench:
         projector = self.virtual.projector
         lit = self.devices.projector.state in (ProjectorState.PROJECTING, ProjectorState.HOLDING)
         dark = not projector.running and not projector.light().any()
-        return not armed and not lit and dark and self.orchestrator.holder is None
+        return not armed and not lit and dark and self.orchestrator.holder is None and self.strict.holder is None

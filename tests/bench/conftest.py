@@ -39,7 +39,7 @@ def bench(aravis: None) -> Iterator[Bench]:
     assert virtual.source.truth is not None
     orchestrator.connect()
     orchestrator.capture(CaptureRequest(plan="full"))
-    yield Bench(virtual, devices, orchestrator)
+    yield Bench(virtual, devices, orchestrator, Orchestrator(devices, AcquisitionSettings(retakes=0, late_s=0.3)))
     orchestrator.close()
 
 
@@ -48,4 +48,6 @@ def mended(request: pytest.FixtureRequest) -> Iterator[None]:
     """What one test leaves must not fail the next."""
     yield
     if "bench" in request.fixturenames:
-        request.getfixturevalue("bench").virtual.mend()
+        bench = request.getfixturevalue("bench")
+        bench.virtual.mend()
+        bench.orchestrator.connect()
