@@ -62,8 +62,12 @@ class Console:
         self._interrupted = threading.Event()
 
     def interrupt(self) -> None:
-        """End a validation that another thread waits for."""
+        """End a validation that another thread waits for, or is about to."""
         self._interrupted.set()
+
+    def begin(self) -> None:
+        """What was interrupted before does not count for what comes now."""
+        self._interrupted.clear()
 
     @property
     def configuration(self) -> LightCrafterConfiguration:
@@ -231,7 +235,6 @@ class Console:
         self.write(c.MAILBOX_SELECT, Mailbox.CLOSED)
 
     def _validate(self) -> Validation:
-        self._interrupted.clear()
         self.write(c.VALIDATE, Validation(0))
         time.sleep(self._configuration.validate_first_s)
         deadline = time.monotonic() + self._configuration.validate_s

@@ -162,6 +162,7 @@ class LightCrafter:
     def load(self, plan: PatternPlan, period_us: float) -> LoadedSequence:
         with self._lock:
             self._require("load a sequence", *_IDLE)
+            self._console.begin()
             info = self.info
             with self._watched():
                 # refused before anything is touched; loads are measured in the dark
@@ -182,6 +183,7 @@ class LightCrafter:
     def start(self) -> None:
         with self._lock:
             self._require("start", ProjectorState.LOADED)
+            self._console.begin()
             assert self._sequence is not None  # so it is in LOADED
             program, loaded = self._sequence
             with self._watched():
@@ -203,6 +205,7 @@ class LightCrafter:
     def show(self, pattern: Pattern | None) -> None:
         with self._lock:
             self._require("hold a pattern", *_IDLE)
+            self._console.begin()
             if pattern is None:
                 with self._watched():
                     self._end_holding()

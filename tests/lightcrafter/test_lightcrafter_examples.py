@@ -52,7 +52,7 @@ def test_an_acknowledgement_is_made_as_it_is_read(example: Example) -> None:
     assert Reply.decode(example.reply_bytes).encode(flags=example.reply_bytes[0]) == example.reply_bytes
 
 
-def test_the_examples_are_a_session_that_shows_a_sequence() -> None:
+def test_the_examples_in_their_order_show_a_sequence() -> None:
     device = controller(validation_s=0.05)
     wire = Wire(device)
     for number in ("1", "4", "5", "13", "8", "6", "7", "9 open", "9 offset", "10", "9 close"):
