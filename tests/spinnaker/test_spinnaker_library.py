@@ -314,6 +314,6 @@ def test_the_configuration_chooses_the_driver(pyspin: FakePySpin) -> None:
     assert {camera.info.driver for camera in cameras} == {"spinnaker"}
     for camera in cameras:
         camera.close()
-    with pytest.raises(DeviceNotFoundError, match=r"told apart.*there are: .*20497219, .*20497220"):
+    with pytest.raises(DeviceConfigurationError, match=r"told apart.*there are: .*20497219, .*20497220"):
         hardware_rig(CamerasConfiguration(driver="spinnaker"), LightCrafterConfiguration())
     assert make_camera("left", CamerasConfiguration()).__class__ is AravisCamera
