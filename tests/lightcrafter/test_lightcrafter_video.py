@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-import json
-import os
-import signal
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import closing
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import pytest
 from lightcrafter_benches import SMALL, controller, quick, serial_port, usb_transport, wait_until
+from video_benches import Listening, assert_dark, connected, drawn, holds, on_usb
 from worked_examples import EXAMPLES
 
-from benchmarks.service_process import PROGRAM
 from drivers.errors import DeviceConfigurationError, DeviceLostError, ProtocolError, SequenceInvalidError
 from drivers.lightcrafter import commands as c
-from drivers.lightcrafter.commands import Command
 from drivers.lightcrafter.emulator.controller import EmulatedController
 from drivers.lightcrafter.sequence import Program, video_program
-from drivers.lightcrafter.transport import Transport
 from drivers.lightcrafter.values import (
     Input,
     LedSelect,
@@ -45,63 +37,9 @@ from drivers.lightcrafter.video import check_video, end_video, measure_signal, o
 from models.patterns import LIGHTCRAFTER_4500, make_plan
 from service.video_frames import VideoFrame, pack_frames
 
-Cli = Callable[..., tuple[int, str, str]]
 DEPTHS: tuple[Literal[8, 1], ...] = (8, 1)
 EXAMPLE_11 = next(example for example in EXAMPLES if example.number == "11")
 _HEADER = 6
-
-
-class Listening:
-    """A transport that keeps what is written."""
-
-    def __init__(self, inner: Transport) -> None:
-        self._inner = inner
-        self.largest_payload = inner.largest_payload
-        self.location = inner.location
-        self.written: list[tuple[Command[Any], bytes]] = []
-
-    def carries(self, command: Command[Any]) -> bool:
-        return self._inner.carries(command)
-
-    def open(self) -> None:
-        self._inner.open()
-
-    def close(self) -> None:
-        self._inner.close()
-
-    def request(self, command: Command[Any], payload: bytes | None = None) -> bytes:
-        if payload is not None:
-            self.written.append((command, payload))
-        return self._inner.request(command, payload)
-
-    def payloads(self, command: Command[Any]) -> list[bytes]:
-        return [payload for written, payload in self.written if written is command]
-
-
-def connected(**settings: Any) -> EmulatedController:
-    """A controller whose video input gets what it needs."""
-    device = controller(**settings)
-    device.video.connect()
-    device.video.lock_s = 0.01
-    return device
-
-
-def on_usb(device: EmulatedController) -> Any:
-    return opened(usb_transport(device)[0], quick())
-
-
-def holds(device: EmulatedController, command: Command[Any]) -> Any:
-    return command.decode(device.handle(command.usb, None))
-
-
-def assert_dark(device: EmulatedController) -> None:
-    assert not device.running
-    assert holds(device, c.DISPLAY_MODE) is Mode.PATTERN
-    assert not device.light().any()
-
-
-def drawn(rows: int = 1140, columns: int = 912) -> np.ndarray:
-    return np.random.default_rng(4).integers(0, 256, (rows, columns, 3), np.uint8)
 
 
 class TestProgram:
@@ -420,122 +358,3 @@ class TestFrames:
             light = device.light()
             assert light.shape == (SMALL.rows, SMALL.columns, 3)
             assert light[0, 0] == pytest.approx(frame[0, 0, [1, 0, 2]] * np.array(device.led_shares()))
-
-
-class Rig:
-    """A configuration for a projector behind a bridge, to which any process can turn."""
-
-    def __init__(self, device: EmulatedController, port: Path, folder: Path) -> None:
-        self.device = device
-        self.config = folder / "rig.toml"
-        self.config.write_text(
-            f'[rig.projector]\nconnection = "usb-iss"\nport = "{port}"\npacing_s = 0.002\nvalidate_first_s = 0.0\n'
-        )
-
-
-@pytest.fixture
-def rig(tmp_path: Path) -> Iterator[Rig]:
-    device = connected()
-    with serial_port(device, "usb-iss", tmp_path) as (_, port):
-        yield Rig(device, port.path, tmp_path)
-
-
-@pytest.fixture
-def stdin(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], None]]:
-    """A standard input that stays open until it is told to end."""
-    reading, writing = os.pipe()
-    ends = [writing]
-
-    def end() -> None:
-        while ends:
-            os.close(ends.pop())
-
-    with closing(os.fdopen(reading, "r")) as text:
-        monkeypatch.setattr(sys, "stdin", text)
-        yield end
-        end()
-
-
-class TestCommand:
-    @pytest.mark.parametrize(("words", "entries"), [((), 24), (("--patterns", "22"), 22)])
-    def test_it_runs_until_its_input_ends(
-        self, run: Cli, rig: Rig, stdin: Callable[[], None], words: tuple[str, ...], entries: int
-    ) -> None:
-        seen: list[int] = []
-
-        def watch() -> None:
-            assert wait_until(lambda: rig.device.running, 10.0)
-            seen.append(len(rig.device.entries))
-            stdin()
-
-        watcher = threading.Thread(target=watch)
-        watcher.start()
-        status, out, err = run("projector", "video", "--depth", "1", *words, "--config", rig.config)
-        watcher.join()
-        assert (status, out) == (0, "")
-        assert seen == [entries]
-        assert "locked to 912x1140 of 1192x1170" in err
-        assert "seen in frame k + 2" in err
-        assert err.endswith("projector: dark\n")
-        assert_dark(rig.device)
-
-    def test_an_interrupt_leaves_it_dark(self, rig: Rig) -> None:
-        words = [PROGRAM, "projector", "video", "--depth", "8", "--channel-swap", "0", "--config", rig.config]
-        with subprocess.Popen(words, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-            assert wait_until(lambda: rig.device.running, 20.0)
-            assert process.stderr is not None
-            assert "912x1140" in process.stderr.readline()
-            process.send_signal(signal.SIGINT)
-            _, err = process.communicate(timeout=20)
-        assert (process.returncode, err) == (0, "projector: dark\n")
-        assert holds(rig.device, c.CHANNEL_SWAP) == 0
-        assert_dark(rig.device)
-
-    def test_a_lost_signal_ends_it(
-        self, run: Cli, rig: Rig, stdin: Callable[[], None], monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        def hear(text: str) -> None:
-            print(text, file=sys.stderr)
-            if "locked to" in text:
-                rig.device.video.disconnect()
-
-        monkeypatch.setattr("service.cli.console.note", hear)
-        status, _, err = run("projector", "video", "--depth", "8", "--config", rig.config)
-        assert status == 1
-        assert "shows the video frames no longer" in err
-        assert_dark(rig.device)
-
-    def test_no_signal_ends_it(self, run: Cli, rig: Rig, stdin: Callable[[], None]) -> None:
-        rig.device.video.disconnect()
-        status, _, err = run("projector", "video", "--depth", "8", "--config", rig.config)
-        assert status == 1
-        assert "set the output of the graphics card to exactly 912x1140 at 60 Hz" in err
-        assert "dark" not in err
-        assert_dark(rig.device)
-
-    def test_too_many_patterns_light_nothing(self, run: Cli, rig: Rig, stdin: Callable[[], None]) -> None:
-        status, _, err = run("projector", "video", "--depth", "8", "--patterns", "3", "--config", rig.config)
-        assert status == 1
-        assert "3 patterns of 8 bits do not go into a video frame" in err
-        assert_dark(rig.device)
-
-    def test_other_depths_are_wrong_usage(self, run: Cli, rig: Rig) -> None:
-        status, _, err = run("projector", "video", "--depth", "4", "--config", rig.config)
-        assert status == 2
-        assert "Error: " in err
-
-    def test_the_signal_is_told(self, run: Cli, rig: Rig) -> None:
-        status, out, _ = run("projector", "signal", "--config", rig.config)
-        assert (status, out.startswith("locked to 912x1140 of 1192x1170 in all")) == (0, True)
-        assert_dark(rig.device)
-        rig.device.video.connect(1280, 800)
-        found = json.loads(run("projector", "signal", "--json", "--config", rig.config)[1])
-        assert (found["locked"], found["columns"], found["rows"]) == (True, 1280, 800)
-        rig.device.video.disconnect()
-        assert run("projector", "signal", "--config", rig.config)[1] == "not locked to any video signal\n"
-
-    @pytest.mark.parametrize("command", ["video", "signal"])
-    def test_help_names_it(self, run: Cli, command: str) -> None:
-        status, out, _ = run("projector", command, "--help")
-        assert status == 0
-        assert f"Example: duofringe projector {command} " in " ".join(out.split())
