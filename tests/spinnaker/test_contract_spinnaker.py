@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from fake_pyspin import IO, TIMEOUT, FakeDevice
+from fake_pyspin import FakeDevice
+from fake_pyspin_nodes import IO, TIMEOUT
 
 from drivers.genicam import GenicamConfiguration
 from drivers.spinnaker import SpinnakerCamera

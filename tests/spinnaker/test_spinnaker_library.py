@@ -7,7 +7,8 @@ import time
 from collections.abc import Callable
 
 import pytest
-from fake_pyspin import DENIED, IN_USE, IO, FakeDevice, FakePySpin
+from fake_pyspin import FakeDevice, FakePySpin
+from fake_pyspin_nodes import DENIED, IN_USE, IO
 
 from drivers.aravis import AravisCamera
 from drivers.camera import Camera, CameraSettings, CameraState, Trigger
