@@ -89,5 +89,7 @@ def write_firmware(base: Path, images: Sequence[Pixels], output: Path) -> Firmwa
 
 
 def build_firmware(base: Path, manifest: FlashManifest, output: Path) -> FirmwareFile:
-    """As ``write_firmware``, with the images of a manifest."""
+    """As ``write_firmware``, with the images of a manifest; these take seconds, so files are looked at first."""
+    require_parent(output)
+    FirmwareFile.from_file(base)
     return write_firmware(base, [manifest.render(index) for index in range(manifest.images)], output)
