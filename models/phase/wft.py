@@ -7,32 +7,25 @@ the better estimates; leakage falls by the window's rejection each time round.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import torch
 
-from models.capture import Capture
-from models.geometry.rig import Rig, Side
-from models.patterns import PatternKind
-from models.phase.bands import FringeField, carrier_bands, fringe_field, spectral_field
-from models.phase.fringe import FringePhase
-from models.phase.nstep import SATURATION
+from models.geometry.rig import Rig
+from models.phase.bands import FringeField, carrier_bands
+from models.phase.single_exposure import MaskSettings, SingleExposure
 from models.phase.windowed_fourier import Band, Spectrum, Threshold, WindowedFourierFilter, low_pass
-from models.points import Reason
 
 
-@dataclass(frozen=True)
-class WftSettings:
-    """Settings of the method ``wft``.
+@dataclass(frozen=True, kw_only=True)
+class WftSettings(MaskSettings):
+    """Settings of the method ``wft``, beside those of the mask.
 
     window: standard deviation of the Gaussian window in fringes of the carrier (px = window * period in the image).
     rounds: filterings of each carrier; 1 is the plain filter. noise, first_relative, relative: see ``Threshold``; the
-    first round is more selective because it hears the other carrier. minimum_modulation: share of full scale
-    below which a phase is noise. largest_misfit: ``FringePhase.misfit`` above which a pixel carries no phase.
-    darkest: share of the brightness that texture and fringes predict within a fringe, below which a pixel is unlit: the
-    window smears fringes over the dark beside an object.
+    first round is more selective because it hears the other carrier.
     """
 
     window: float = 0.4
@@ -40,17 +33,10 @@ class WftSettings:
     noise: float = 2.0
     first_relative: float = 0.5
     relative: float = 0.2
-    minimum_modulation: float = 0.001
-    largest_misfit: float = 4.0
-    darkest: float = 0.35
 
 
-class WindowedFourierTransform:
-    """``PhaseExtractor`` for one composite exposure.
-
-    rig, depth_range: from which the bands are derived; without a projector calibration the bands come from the
-    spectrum's peaks, one for all views.
-    """
+class WindowedFourierTransform(SingleExposure):
+    """Method ``wft``; see ``SingleExposure`` for rig and depth_range."""
 
     name = "wft"
 
@@ -61,56 +47,22 @@ class WindowedFourierTransform:
         settings: WftSettings | None = None,
         device: torch.device | str = "cpu",
     ) -> None:
-        self.rig = rig
-        self.depth_range = depth_range
         self.settings = settings or WftSettings()
-        self.device = torch.device(device)
+        super().__init__(rig, depth_range, self.settings, device)
 
-    def required_kinds(self) -> frozenset[PatternKind]:
-        return frozenset({"composite"})
-
-    def extract(self, capture: Capture) -> Mapping[Side, FringePhase]:
-        capture.require(self.required_kinds(), "method wft")
-        periods = capture.plan.of_kind("composite")[0].periods
-        offsets = capture.plan.of_kind("composite")[0].phase_offsets
-        phases = {}
-        for side in capture.sides:
-            image = torch.from_numpy(capture.stack(side, "composite")).to(self.device)
-            field = self._field(side, image[0], periods)
-            phases[side] = self._view(image, field, periods, offsets)
-        return phases
-
-    def _field(self, side: Side, image: torch.Tensor, periods: tuple[float, ...]) -> FringeField:
-        if self.rig is not None:
-            field = _rig_field(self.rig, side, self.depth_range or self.rig.working_depths)
-            if field is not None:
-                return field
-        return spectral_field(image.cpu().numpy(), periods)
+    def separate_views(
+        self, images: torch.Tensor, fields: Sequence[FringeField], periods: tuple[float, ...]
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        views = [self._view(image[None], field, periods) for image, field in zip(images, fields, strict=True)]
+        return torch.stack([carriers for carriers, _ in views]), torch.stack([texture for _, texture in views])
 
     def _view(
-        self, image: torch.Tensor, field: FringeField, periods: tuple[float, ...], offsets: tuple[float, ...]
-    ) -> FringePhase:
+        self, image: torch.Tensor, field: FringeField, periods: tuple[float, ...]
+    ) -> tuple[torch.Tensor, torch.Tensor]:
         bands = carrier_bands(field, periods)
         sigmas = [self.settings.window * 2 * torch.pi * period / field.zeta[1] for period in periods]
         margin = int(min(2 * max(sigmas), min(image.shape[-2:]) / 4))
-        fringe_px = 2 * torch.pi * max(periods) / field.zeta[1]
-        carriers, texture = separate(image, bands, sigmas, margin, self.settings)
-        oriented = carriers if field.sign > 0 else carriers.conj().resolve_conj()
-        turn = torch.polar(torch.ones(len(offsets)), torch.tensor(offsets)).to(self.device)
-        mask = torch.zeros(image.shape[1:], dtype=torch.uint8, device=self.device)
-        mask[(carriers.abs() < self.settings.minimum_modulation).any(dim=0)] = Reason.LOW_MODULATION
-        misfit = _misfit(image[0], carriers, texture)
-        mask[_brightest_nearby(image[0], fringe_px) < self.settings.darkest * (texture + carriers.abs().sum(dim=0))] = (
-            Reason.UNLIT
-        )
-        mask[misfit > self.settings.largest_misfit] = Reason.LOW_MODULATION
-        mask[image[0] >= SATURATION] = Reason.SATURATED
-        return FringePhase(oriented * turn[:, None, None], texture, mask, periods, misfit)
-
-
-@lru_cache(maxsize=16)
-def _rig_field(rig: Rig, side: Side, depth_range: tuple[float, float]) -> FringeField | None:
-    return fringe_field(rig, rig.cameras[side], depth_range)
+        return separate(image, bands, sigmas, margin, self.settings)
 
 
 @lru_cache(maxsize=16)
@@ -131,22 +83,6 @@ def separate(
             others = sum((c.real for k, c in enumerate(carriers) if k != index), background)
             carriers[index] = _apply(image - others, band, sigma, margin, Threshold(settings.noise, relative))
     return torch.cat(carriers), background[0]
-
-
-def _brightest_nearby(image: torch.Tensor, fringe_px: float) -> torch.Tensor:
-    """Largest value within a fringe along the row, (H, W)."""
-    half = min(round(fringe_px / 2), image.shape[1] // 2)
-    return torch.nn.functional.max_pool2d(image[None, None], (1, 2 * half + 1), stride=1, padding=(0, half))[0, 0]
-
-
-def _misfit(image: torch.Tensor, carriers: torch.Tensor, texture: torch.Tensor) -> torch.Tensor:
-    """See ``FringePhase.misfit``; means over 5x5 pixels."""
-    unexplained = (image - texture - carriers.real.sum(dim=0)) ** 2
-    expected = 0.5 * (carriers.abs() ** 2).sum(dim=0)
-    means = torch.nn.functional.avg_pool2d(
-        torch.stack([unexplained, expected])[:, None], 5, stride=1, padding=2, count_include_pad=False
-    )[:, 0]
-    return (means[0] / means[1].clamp(min=1e-12)).sqrt()
 
 
 def _apply(image: torch.Tensor, band: Band, sigma: float, margin: int, threshold: Threshold) -> torch.Tensor:
