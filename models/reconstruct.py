@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -15,19 +15,27 @@ from models.geometry.rig import SIDES, Rig, Side
 from models.patterns import PatternKind
 from models.phase.fringe import FringePhase, PhaseExtractor
 from models.phase.nstep import NStep
+from models.phase.shearlet import Shearlet
+from models.phase.wavelet1d import Wavelet1d
+from models.phase.wavelet2d import Wavelet2d
 from models.phase.wft import WindowedFourierTransform
 from models.points import PointMap, Reason
 from models.stereo.exchanged import views_look_exchanged
 from models.stereo.matcher import MATCHINGS, Matching, PhaseMatcher
 from models.stereo.point_map import RejectionSettings, build_point_map, projector_residual
 
-Method = Literal["nstep", "wft"]
-METHODS: tuple[Method, ...] = ("nstep", "wft")
+Method = Literal["nstep", "wft", "wavelet1d", "wavelet2d", "shearlet"]
+METHODS: tuple[Method, ...] = get_args(Method)
 Progress = Callable[[str, float], None]
-_KINDS: dict[Method, frozenset[PatternKind]] = {
-    "nstep": frozenset({"white", "black", "high", "low", "gray", "gray_inv"}),
-    "wft": frozenset({"composite"}),
+_SINGLE_SHOT: dict[Method, type[WindowedFourierTransform | Wavelet1d | Wavelet2d | Shearlet]] = {
+    "wft": WindowedFourierTransform,
+    "wavelet1d": Wavelet1d,
+    "wavelet2d": Wavelet2d,
+    "shearlet": Shearlet,
 }
+SINGLE_SHOT_METHODS: tuple[Method, ...] = tuple(_SINGLE_SHOT)
+"""The methods that take one composite exposure."""
+_NSTEP_KINDS: frozenset[PatternKind] = frozenset({"white", "black", "high", "low", "gray", "gray_inv"})
 _FEWEST_POINTS = 200
 _SUSPICIOUS_RESIDUAL, _SUSPICIOUS_ABSOLUTE_RESIDUAL = 0.2, 0.08
 """Median of rad between a view and the projector, for wrapped and for absolute phases, above which the views are tried
@@ -62,7 +70,7 @@ class Reconstruction:
 
 def kinds_needed(method: Method) -> frozenset[PatternKind]:
     """Pattern groups that a method reads where a capture has them; pass to ``read_capture``."""
-    return _KINDS[method]
+    return _NSTEP_KINDS if method == "nstep" else frozenset({"composite"})
 
 
 def reconstruct(
@@ -137,13 +145,13 @@ def _check_views(capture: Capture, rig: Rig, method: Method) -> None:
 def _extractor(options: ReconstructionOptions, rig: Rig, depth_range: tuple[float, float]) -> PhaseExtractor:
     if options.method == "nstep":
         return NStep(device=options.device)
-    if options.method == "wft":
-        return WindowedFourierTransform(rig, depth_range, device=options.device)
+    if options.method in _SINGLE_SHOT:
+        return _SINGLE_SHOT[options.method](rig, depth_range, device=options.device)
     raise ReconstructionError(f"method '{options.method}' is unknown; choose {', '.join(METHODS)}")
 
 
 def _rejection(capture: Capture, method: Method, *, absolute: bool) -> RejectionSettings:
-    if method == "wft":
+    if method in SINGLE_SHOT_METHODS:
         return RejectionSettings()
     weights = (float(len(capture.plan.of_kind("high"))), float(len(capture.plan.of_kind("low"))))
     return RejectionSettings(low=0.4, projector=0.6, smallest_surface=40 if absolute else 400, carrier_weights=weights)

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from models.capture import Capture
 from models.errors import DuofringeError, ReconstructionError
 from models.patterns import PatternKind
-from models.reconstruct import Method, ReconstructionOptions, kinds_needed, reconstruct
+from models.reconstruct import SINGLE_SHOT_METHODS, Method, ReconstructionOptions, kinds_needed, reconstruct
 from models.stereo.matcher import Matching
 from service.acquisition.request import LONGEST_PLAN, PLAN_HELP, CaptureOptions, CaptureRequest, PlanField
 from service.captures import already_stored, take
@@ -19,8 +19,8 @@ from service.context import Service
 from service.library import StoredCapture, StoredReconstruction
 from service.views import CaptureAndReconstructionAnswer, CaptureView, Clocks, ReconstructionView
 
-_INDISPENSABLE: dict[Method, PatternKind] = {"nstep": "high", "wft": "composite"}
-_DEFAULT_PLAN: dict[Method, str] = {"nstep": "reference", "wft": "composite"}
+_INDISPENSABLE: dict[Method, PatternKind] = {"nstep": "high", **dict.fromkeys(SINGLE_SHOT_METHODS, "composite")}
+_DEFAULT_PLAN: dict[Method, str] = {"nstep": "reference", **dict.fromkeys(SINGLE_SHOT_METHODS, "composite")}
 
 
 class CaptureKeptError(DuofringeError):
@@ -37,7 +37,7 @@ class OptionsRequest(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    method: Method = Field("wft", description="wft: one composite exposure. nstep: the reference's exposures.")
+    method: Method = Field("wft", description="nstep: the reference's exposures. The others: one composite exposure.")
     matching: Matching | None = Field(
         None, description="By default trinocular where the calibration has a projector, else stereo."
     )

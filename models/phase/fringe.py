@@ -45,7 +45,8 @@ class FringePhase:
 
 
 class PhaseExtractor(Protocol):
-    """Turns the images of a capture into phases; implementations: nstep, wft."""
+    """Turns the images of a capture into phases; implementations: nstep, and for one exposure wft, the
+    wavelets and shearlet."""
 
     name: str
 

@@ -6,7 +6,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar
 
 import torch
 
@@ -40,7 +39,7 @@ class SingleExposure(ABC):
     spectrum's peaks, one for all views.
     """
 
-    name: ClassVar[str]
+    name: str
 
     def __init__(
         self,
