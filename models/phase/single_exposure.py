@@ -68,18 +68,14 @@ class SingleExposure(ABC):
     def extract(self, capture: Capture) -> Mapping[Side, FringePhase]:
         capture.require(self.required_kinds(), f"method {self.name}")
         pattern = capture.plan.of_kind("composite")[0]
-        images = {side: torch.from_numpy(capture.stack(side, "composite")).to(self.device)[0] for side in capture.sides}
-        fields = {side: self._field(side, image, pattern.periods) for side, image in images.items()}
         phases = {}
-        for sides in _of_one_size(images):
-            carriers, textures = self.separate_views(
-                torch.stack([images[side] for side in sides]), [fields[side] for side in sides], pattern.periods
-            )
-            for side, carrier, texture in zip(sides, carriers, textures, strict=True):
-                phases[side] = self._phase(
-                    images[side], fields[side], carrier, texture, pattern.periods, pattern.phase_offsets
-                )
-        return {side: phases[side] for side in capture.sides}
+        for side in capture.sides:
+            image = torch.from_numpy(capture.stack(side, "composite")).to(self.device)
+            field = self._field(side, image[0], pattern.periods)
+            # One view at a time: background, borders and banks follow the view's own fringes.
+            carriers, texture = self.separate_views(image, [field], pattern.periods)
+            phases[side] = self._phase(image[0], field, carriers[0], texture[0], pattern.periods, pattern.phase_offsets)
+        return phases
 
     def _field(self, side: Side, image: torch.Tensor, periods: tuple[float, ...]) -> FringeField:
         if self.rig is not None:
@@ -113,14 +109,6 @@ class SingleExposure(ABC):
 def fringe_px(field: FringeField, period: float) -> float:
     """Length of a fringe of this period (columns) along the image's rows, px."""
     return 2 * torch.pi * period / field.zeta[1]
-
-
-def _of_one_size(images: Mapping[Side, torch.Tensor]) -> list[list[Side]]:
-    """The views in groups that can be stacked."""
-    groups: dict[torch.Size, list[Side]] = {}
-    for side, image in images.items():
-        groups.setdefault(image.shape, []).append(side)
-    return list(groups.values())
 
 
 @lru_cache(maxsize=16)
