@@ -17,8 +17,8 @@ class RefinerConfiguration(BaseModel):
     moduli), finest level first; each level after the first halves the resolution. head_widths: channels of the
     three decoders at all levels but the coarsest. attention_heads: must divide the coarsest image width.
     position_strength: lambda of eq:attn_query and eq:attn_key_value. skips: what decoders see at each level:
-    features of the image (the paper), or those of their guidance as well. largest_log_change: bound of |dM|, so that the
-    modulus changes by at most a factor of exp(largest_log_change).
+    features of the image (the paper), or those of their guidance as well. largest_log_change: bound of |dM|:
+    the modulus changes by at most a factor of exp(largest_log_change).
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True, allow_inf_nan=False)

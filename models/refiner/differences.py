@@ -11,7 +11,8 @@ from typing import Literal
 
 import torch
 
-_EPSILON = 1e-8  # under the roots of magnitudes, and of a phasor's square
+SMALLEST_MAGNITUDE = 1e-4
+"""What ``Gradient.magnitude`` reads where nothing varies."""
 GradientForm = Literal["argument", "central"]
 
 
@@ -25,7 +26,7 @@ class Gradient:
 
     def magnitude(self) -> torch.Tensor:
         """eq:phase_grad_mag_hat."""
-        return (self.x.square() + self.y.square() + _EPSILON).sqrt()
+        return (self.x.square() + self.y.square() + SMALLEST_MAGNITUDE**2).sqrt()
 
 
 def next_along(values: torch.Tensor, axis: int) -> torch.Tensor:
@@ -77,7 +78,7 @@ def _phasors(carriers: torch.Tensor, lit: torch.Tensor) -> torch.Tensor:
     lit = lit.expand(carriers.shape)
     real = torch.where(lit, carriers.real, 1.0)
     imaginary = torch.where(lit, carriers.imag, 0.0)
-    length = (real.square() + imaginary.square() + _EPSILON**2).sqrt()
+    length = (real.square() + imaginary.square() + 1e-12).sqrt()
     return torch.complex(real / length, imaginary / length)
 
 

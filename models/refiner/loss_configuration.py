@@ -18,8 +18,8 @@ class LossConfiguration(BaseModel):
     reconstruction .. edges: weight of each term of the total; a term of weight 0 is not computed. ssim: lambda_SSIM of
     eq:loss_rec. gradient: how phases are differentiated, "argument" as arg(z(x+1) conj z(x)), "central" as
     eq:phase_grad_from_sincos_hat with central differences, which reads sin(g) for a slope g, to compare with.
-    tv_epsilon: of eq:charbonnier_tv. ratio_epsilon: share of full scale, of eq:loss_mod_sigma_ratio and of the logarithm in
-    eq:soft_edge_maps. noise_level: modulation, share of full scale, below which either carrier makes a pixel dark.
+    tv_epsilon: of eq:charbonnier_tv. ratio_epsilon: share of full scale, of eq:loss_mod_sigma_ratio and of
+    the logarithm in eq:soft_edge_maps. noise_level: share of full scale, for ``lit_pixels``.
     phase_threshold (rad/px^2), modulus_threshold (1/px), texture_threshold (share of full scale per px): tau of
     eq:soft_edge_maps. edge_sharpness: alpha * tau, common to the three maps, so that all agree where nothing varies.
     """

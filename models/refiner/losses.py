@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import torch
 
-from models.refiner.differences import Gradient, forward_gradient, mean_over, phase_gradient
+from models.refiner.differences import SMALLEST_MAGNITUDE, Gradient, forward_gradient, mean_over, phase_gradient
 from models.refiner.errors import RefinerError
 from models.refiner.fields import RefinedPhase
 from models.refiner.loss_configuration import LossConfiguration
@@ -117,7 +117,7 @@ def edge_loss(
 
 def _soft_edge(gradient: Gradient, threshold: float, sharpness: float) -> torch.Tensor:
     """sigmoid(alpha (|gradient| - tau)) with alpha = sharpness / tau."""
-    return torch.sigmoid(sharpness * (gradient.magnitude() / threshold - 1))
+    return torch.sigmoid(sharpness * ((gradient.magnitude() - SMALLEST_MAGNITUDE) / threshold - 1))
 
 
 def total_loss(
