@@ -21,6 +21,7 @@ from models.metrics.samples import compare
 from models.points import Origin, Reason
 from models.reconstruct import (
     METHODS,
+    SINGLE_SHOT_METHODS,
     Method,
     Reconstruction,
     ReconstructionOptions,
@@ -69,7 +70,7 @@ class TestAccuracy:
     def test_planes_are_flat_and_where_they_stand(self, method: Method) -> None:
         capture = plate_before_wall()
         result = reconstruct(capture, ReconstructionOptions(method))
-        bound = {"nstep": 0.06, "wft": 0.5}[method]
+        bound = 0.06 if method == "nstep" else 0.5
         for depth in (460.0, 600.0):
             assert capture.truth is not None
             here = np.abs(capture.truth.depth - depth) < 1
@@ -237,7 +238,9 @@ class TestRefusals:
         with pytest.raises(ReconstructionError, match=r"'quadri'.*trinocular"):
             reconstruct(plate_before_wall(), ReconstructionOptions(matching="quadri"))  # type: ignore[arg-type]
 
-    @pytest.mark.parametrize(("method", "lacking"), [("nstep", "high"), ("wft", "composite")])
+    @pytest.mark.parametrize(
+        ("method", "lacking"), [("nstep", "high"), *((m, "composite") for m in SINGLE_SHOT_METHODS)]
+    )
     def test_a_capture_without_the_patterns(self, method: Method, lacking: str) -> None:
         capture = plate_before_wall()
         rest = only(capture, capture.plan.kinds - {lacking})  # type: ignore[arg-type]

@@ -64,7 +64,7 @@ class Shearlet(SingleExposure):
         size = (images.shape[-2], images.shape[-1])
         bands = list(zip(*(carrier_bands(field, periods) for field in fields), strict=True))
         longest = max(fringe_px(field, max(periods)) for field in fields)
-        margin = int(min(2 * longest, min(size) / 4))
+        margin = int(min(3 * longest, min(size) / 4))
         banks = [_bank(padded_size(size, margin), margin, views, settings, images.device) for views in bands]
 
         def transform(index: int, parts: torch.Tensor) -> torch.Tensor:
