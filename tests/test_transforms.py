@@ -56,11 +56,13 @@ def extracted(method: Method, scene: Callable[[], Capture]) -> dict[str, FringeP
 
 
 def for_planes(method: Method) -> SingleExposure:
-    """The method with windows that part the carriers; the chosen ones are shorter, so as to follow objects."""
+    """With windows that part the carriers and a dense bank; the chosen windows are shorter, to follow objects."""
     if method is Wavelet1d:
         return Wavelet1d(settings=Wavelet1dSettings(**{**chosen_settings("wavelet1d"), "window": 0.9}))
     if method is Wavelet2d:
-        return Wavelet2d(settings=Wavelet2dSettings(**{**chosen_settings("wavelet2d"), "window": 0.9}))
+        return Wavelet2d(
+            settings=Wavelet2dSettings(**{**chosen_settings("wavelet2d"), "window": 0.9, "orientations": 5})
+        )
     return method()
 
 
