@@ -28,13 +28,15 @@ class Wavelet1dSettings(MaskSettings):
 
     window: standard deviation of an atom in its own wavelengths. scales: atoms from one end of a carrier's band to the
     other, at equal ratios. rounds: transforms of each carrier, see ``cancel_leakage``. background: standard deviation
-    of the texture's low pass in fringes of the coarsest carrier.
+    of the texture's low pass in fringes of the coarsest carrier. A row averages less noise than a window
+    does, hence the larger minimum_modulation.
     """
 
     window: float
     scales: int
     rounds: int
     background: float
+    minimum_modulation: float = 0.0025
 
 
 class Wavelet1d(SingleExposure):
