@@ -48,8 +48,11 @@ class RigLock:
 
         background: give way to everybody else: take the rig only if it is free, and let others wait until it is again.
         """
-        wait_s = 0.0 if background else _BACKGROUND_S if self._background else self._wait_s
-        if not self._acquire(wait_s):
+        taken = self._acquire(0.0 if background else self._wait_s)
+        # asked after the short wait: such work may have begun meanwhile
+        if not taken and not background and self._background:
+            taken = self._acquire(_BACKGROUND_S)
+        if not taken:
             raise RigBusyError(self._holder or "another request")
         self._holder, self._background = purpose, background
         try:
