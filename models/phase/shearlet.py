@@ -9,79 +9,62 @@ an octave is cut into voices.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import torch
 
-from models.geometry.rig import Rig
-from models.phase.atoms import AtomBank, Columns, band_limits, padded_size
-from models.phase.bands import FringeField, carrier_bands
-from models.phase.leakage import cancel_leakage
-from models.phase.single_exposure import MaskSettings, SingleExposure, fringe_px
+from models.phase.atoms import AtomBank, Columns, band_limits
+from models.phase.transform_method import TransformMethod, TransformSettings
 from models.phase.transform_settings import chosen_settings
 from models.phase.windowed_fourier import Band, Spectrum
 
 
 @dataclass(frozen=True, kw_only=True)
-class ShearletSettings(MaskSettings):
+class ShearletSettings(TransformSettings):
     """Settings of the method ``shearlet``, beside those of the mask.
 
     voices: scales an octave. shear: step of eta / zeta between shears at the middle of a carrier's band; it goes with
     zeta to the power of -1/2, the parabolic scaling of shearlets. As many scales and shears are taken as fill the band,
     to half their power at its ends. noise, relative: which coefficients count, see
-    ``Threshold``. rounds, background: as in ``Wavelet1dSettings``.
+    ``Threshold``.
     """
 
     voices: float
     shear: float
     noise: float
     relative: float
-    rounds: int
-    background: float
 
 
-class Shearlet(SingleExposure):
-    """Method ``shearlet``; see ``SingleExposure`` for rig and depth_range. Settings are by default the chosen ones."""
+class Shearlet(TransformMethod[ShearletSettings, tuple[AtomBank, torch.Tensor]]):
+    """Method ``shearlet``."""
 
     name = "shearlet"
 
-    def __init__(
-        self,
-        rig: Rig | None = None,
-        depth_range: tuple[float, float] | None = None,
-        settings: ShearletSettings | None = None,
-        device: torch.device | str = "cpu",
-    ) -> None:
-        self.settings = settings or ShearletSettings(**chosen_settings(self.name))
-        super().__init__(rig, depth_range, self.settings, device)
+    def _chosen(self) -> ShearletSettings:
+        return ShearletSettings(**chosen_settings(self.name))
 
-    def separate_views(
-        self, images: torch.Tensor, fields: Sequence[FringeField], periods: tuple[float, ...]
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        settings = self.settings
-        size = (images.shape[-2], images.shape[-1])
-        bands = list(zip(*(carrier_bands(field, periods) for field in fields), strict=True))
-        longest = max(fringe_px(field, max(periods)) for field in fields)
-        margin = int(min(3 * longest, min(size) / 4))
-        banks = [_bank(padded_size(size, margin), margin, views, settings, images.device) for views in bands]
+    @property
+    def _margin(self) -> float:
+        return 3.0
 
-        def transform(index: int, parts: torch.Tensor) -> torch.Tensor:
-            spectrum = Spectrum(parts, margin)
-            bank, noise = banks[index]
-            coefficients = bank.coefficients_padded(spectrum)
-            modulus = coefficients.abs()
-            level = settings.noise * spectrum.noise[:, None] * noise
-            largest = modulus.amax(dim=1, keepdim=True)
-            least = torch.maximum(level[..., None, None], settings.relative * largest)
-            return spectrum.crop_back(bank.synthesise(torch.where(modulus >= least, coefficients, 0)))
+    def _bank(
+        self, padded: tuple[int, int], margin: int, bands: tuple[Band, ...], device: torch.device
+    ) -> tuple[AtomBank, torch.Tensor]:
+        return _atoms(padded, margin, bands, self.settings, device)
 
-        return cancel_leakage(images, len(periods), transform, settings.rounds, settings.background * longest)
+    def _carrier(self, bank: tuple[AtomBank, torch.Tensor], spectrum: Spectrum, size: tuple[int, int]) -> torch.Tensor:
+        atoms, noise = bank
+        coefficients = atoms.coefficients_padded(spectrum)
+        modulus = coefficients.abs()
+        level = self.settings.noise * spectrum.noise[:, None] * noise
+        largest = modulus.amax(dim=1, keepdim=True)
+        least = torch.maximum(level[..., None, None], self.settings.relative * largest)
+        return spectrum.crop_back(atoms.synthesise(torch.where(modulus >= least, coefficients, 0)))
 
 
 @lru_cache(maxsize=4)
-def _bank(
+def _atoms(
     padded: tuple[int, int],
     margin: int,
     bands: tuple[Band, ...],

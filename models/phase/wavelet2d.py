@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import torch
 
-from models.geometry.rig import Rig
-from models.phase.atoms import AtomBank, Columns, band_limits, geometric_steps, padded_size
-from models.phase.bands import FringeField, carrier_bands
-from models.phase.leakage import cancel_leakage
+from models.phase.atoms import AtomBank, Columns, band_limits, geometric_steps
 from models.phase.ridge import ridge
-from models.phase.single_exposure import MaskSettings, SingleExposure, fringe_px
+from models.phase.transform_method import TransformMethod, TransformSettings
 from models.phase.transform_settings import chosen_settings
 from models.phase.windowed_fourier import Band, Spectrum
 
@@ -23,59 +19,43 @@ _REACH = 3.3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wavelet2dSettings(MaskSettings):
+class Wavelet2dSettings(TransformSettings):
     """Settings of the method ``wavelet2d``, beside those of the mask.
 
     window: standard deviation of an atom across its fringes, in its own wavelengths. aspect: that along the fringes as
     a multiple of it. scales: wavelengths from one end of a carrier's band to the other, at equal ratios. orientations:
-    directions of the fringes over the band. rounds, background: as in ``Wavelet1dSettings``.
+    directions of the fringes over the band.
     """
 
     window: float
     aspect: float
     scales: int
     orientations: int
-    rounds: int
-    background: float
 
 
-class Wavelet2d(SingleExposure):
-    """Method ``wavelet2d``; see ``SingleExposure`` for rig and depth_range. Settings are by default the chosen ones."""
+class Wavelet2d(TransformMethod[Wavelet2dSettings, AtomBank]):
+    """Method ``wavelet2d``."""
 
     name = "wavelet2d"
 
-    def __init__(
-        self,
-        rig: Rig | None = None,
-        depth_range: tuple[float, float] | None = None,
-        settings: Wavelet2dSettings | None = None,
-        device: torch.device | str = "cpu",
-    ) -> None:
-        self.settings = settings or Wavelet2dSettings(**chosen_settings(self.name))
-        super().__init__(rig, depth_range, self.settings, device)
+    def _chosen(self) -> Wavelet2dSettings:
+        return Wavelet2dSettings(**chosen_settings(self.name))
 
-    def separate_views(
-        self, images: torch.Tensor, fields: Sequence[FringeField], periods: tuple[float, ...]
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        settings = self.settings
-        size = (images.shape[-2], images.shape[-1])
-        bands = list(zip(*(carrier_bands(field, periods) for field in fields), strict=True))
-        longest = max(fringe_px(field, max(periods)) for field in fields)
-        margin = int(min(3 * settings.window * max(1.0, settings.aspect) * longest, min(size) / 4))
-        banks = [_bank(padded_size(size, margin), margin, views, settings, images.device) for views in bands]
+    @property
+    def _margin(self) -> float:
+        return 3 * self.settings.window * max(1.0, self.settings.aspect)
 
-        def transform(index: int, parts: torch.Tensor) -> torch.Tensor:
-            spectrum = Spectrum(parts, margin)
-            answers = banks[index].coefficients(spectrum)
-            return banks[index].unshift(
-                ridge(answers.reshape(len(answers), settings.scales, settings.orientations, *size)), spectrum.offset[1]
-            )
+    def _bank(self, padded: tuple[int, int], margin: int, bands: tuple[Band, ...], device: torch.device) -> AtomBank:
+        return _atoms(padded, margin, bands, self.settings, device)
 
-        return cancel_leakage(images, len(periods), transform, settings.rounds, settings.background * longest)
+    def _carrier(self, bank: AtomBank, spectrum: Spectrum, size: tuple[int, int]) -> torch.Tensor:
+        answers = bank.coefficients(spectrum)
+        shape = (len(answers), self.settings.scales, self.settings.orientations, *size)
+        return bank.unshift(ridge(answers.reshape(shape)), spectrum.offset[1])
 
 
 @lru_cache(maxsize=4)
-def _bank(
+def _atoms(
     padded: tuple[int, int],
     margin: int,
     bands: tuple[Band, ...],
