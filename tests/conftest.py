@@ -11,6 +11,8 @@ import pytest
 from hypothesis import settings
 from simulated_captures import plate_before_wall
 
+from drivers.aravis.library import load_library
+from drivers.errors import DeviceUnavailableError
 from models.capture import write_capture
 from models.geometry.device import Device
 from models.geometry.rig import Rig
@@ -32,6 +34,17 @@ def real_data() -> Path:
             pytest.fail(reason)
         pytest.skip(reason)
     return folder
+
+
+@pytest.fixture(scope="session")
+def aravis() -> None:
+    """libaravis is there; in CI its absence is a failure."""
+    try:
+        load_library("camera")
+    except DeviceUnavailableError as error:
+        if os.environ.get("CI") == "true":
+            pytest.fail(str(error))
+        pytest.skip(str(error))
 
 
 Run = Callable[..., tuple[int, str, str]]

@@ -7,12 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from drivers.camera import AppliedSettings, Camera, CameraSettings, Frame, StreamStatistics, Trigger
-from drivers.errors import DeviceConfigurationError, DriverError
+from drivers.errors import DriverError
 from drivers.projector import LoadedSequence, ProjectorSettings
 from models.geometry.rig import Side
-
-_STEP = 0.001
-"""Share of an exposure that a camera's steps may make it differ from what was asked."""
 
 
 @dataclass(frozen=True)
@@ -86,26 +83,6 @@ class Stopwatch:
         now = time.perf_counter()
         self.timings_s[step] = now - self._last
         self._last = now
-
-
-def lit_us(settings: RigSettings, applied: Mapping[Side, AppliedSettings]) -> float:
-    """How long each pattern is to be lit, microseconds: as long as the shorter of both exposures.
-
-    What a camera's steps take off or add is not passed on to the projector, whose shortest pattern has no room for it.
-    """
-    return min(_as_asked(settings.cameras[side].exposure_us, applied[side].exposure_us) for side in applied)
-
-
-def _as_asked(asked_us: float, applied_us: float) -> float:
-    return asked_us if abs(applied_us - asked_us) <= _STEP * asked_us else applied_us
-
-
-def require_one_depth(cameras: Mapping[Side, Camera], applied: Mapping[Side, AppliedSettings]) -> None:
-    """A capture has one bit depth; DeviceConfigurationError where the cameras differ."""
-    if len({a.bit_depth for a in applied.values()}) > 1:
-        depths = {side: a.bit_depth for side, a in applied.items()}
-        right = cameras["right"].name
-        raise DeviceConfigurationError(right, "bit_depth", depths["right"], f"the left camera has {depths['left']}")
 
 
 def read_back(camera: Camera) -> AppliedSettings | None:

@@ -15,15 +15,13 @@ from drivers.errors import DeviceConfigurationError, DriverError, FrameTimeoutEr
 from drivers.projector import LoadedSequence, Projector, ProjectorState
 from models.patterns import PatternPlan
 from service.acquisition.cancellation import Cancellation
-from service.acquisition.plans import with_exposure
+from service.acquisition.configuring import configure
 from service.acquisition.recorded import (
     Collected,
     RecordedSequence,
     RigSettings,
     Stopwatch,
-    lit_us,
     read_back,
-    require_one_depth,
     views_of,
 )
 
@@ -47,15 +45,12 @@ def record_sequence(
     watch = Stopwatch()
     with ThreadPoolExecutor(len(cameras), thread_name_prefix="duofringe-collector") as pool:
         try:
-            devices.projector.stop()
-            applied = {side: camera.configure(settings.cameras[side]) for side, camera in cameras.items()}
-            require_one_depth(cameras, applied)
-            projector_settings = devices.projector.configure(settings.projector)
+            configured = configure(devices, plan, settings)
+            applied = configured.applied
             watch.lap("configure")
             cancellation.raise_if_requested()
             period_us = max(_shortest_period_us(camera, applied[side]) for side, camera in cameras.items())
-            lit = with_exposure(plan, lit_us(settings, applied))
-            loaded = devices.projector.load(lit, period_us)
+            loaded = devices.projector.load(configured.lit, period_us)
             watch.lap("load")
             cancellation.raise_if_requested()
             for camera in cameras.values():
@@ -83,7 +78,7 @@ def record_sequence(
             statistics = {side: camera.disarm() for side, camera in cameras.items()}
     watch.lap("disarm")
     views = views_of(cameras, collected, applied, after, statistics, firsts)
-    return RecordedSequence(loaded, views, started_ns, exposed_ns, projector_settings, error, watch.timings_s)
+    return RecordedSequence(loaded, views, started_ns, exposed_ns, configured.projector, error, watch.timings_s)
 
 
 def _shortest_period_us(camera: Camera, applied: AppliedSettings) -> float:

@@ -17,15 +17,13 @@ from drivers.sequence_rules import check_plan
 from models.geometry.rig import Side
 from models.patterns import PatternPlan
 from service.acquisition.cancellation import Cancellation
-from service.acquisition.plans import with_exposure
+from service.acquisition.configuring import configure
 from service.acquisition.recorded import (
     Collected,
     RecordedSequence,
     RigSettings,
     Stopwatch,
-    lit_us,
     read_back,
-    require_one_depth,
     views_of,
 )
 
@@ -49,11 +47,8 @@ def record_stepped(
     collected = {side: Collected() for side in cameras}
     watch = Stopwatch()
     try:
-        devices.projector.stop()
-        applied = {side: camera.configure(settings.cameras[side]) for side, camera in cameras.items()}
-        require_one_depth(cameras, applied)
-        projector_settings = devices.projector.configure(settings.projector)
-        lit = with_exposure(plan, lit_us(settings, applied))
+        configured = configure(devices, plan, settings)
+        applied, lit = configured.applied, configured.lit
         _require_whole_passes(devices, lit, applied)
         watch.lap("configure")
         for camera in cameras.values():
@@ -86,7 +81,7 @@ def record_stepped(
         views,
         started_ns,
         exposed_ns,
-        projector_settings,
+        configured.projector,
         timings_s=watch.timings_s,
         trigger=Trigger.SOFTWARE,
     )

@@ -13,8 +13,9 @@ from drivers.camera import AppliedSettings, CameraSettings, Frame, StreamStatist
 from drivers.projector import LoadedSequence, ProjectorSettings
 from models.patterns import make_plan
 from service.acquisition.checks import check_sequence
+from service.acquisition.configuring import lit_us
 from service.acquisition.finding import Fault
-from service.acquisition.recorded import RecordedSequence, RigSettings, View, lit_us
+from service.acquisition.recorded import RecordedSequence, RigSettings, View
 
 PLAN = make_plan("full")
 PERIOD_US = 10_000.0

@@ -8,22 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.aravis.library import load_library
-from drivers.errors import DeviceUnavailableError
 from drivers.gigevision import SimulatedGrasshopper
 
 SERIAL = "20497219"
-
-
-@pytest.fixture(scope="session")
-def aravis() -> None:
-    """libaravis is there; in CI its absence is a failure."""
-    try:
-        load_library("camera")
-    except DeviceUnavailableError as error:
-        if os.environ.get("CI") == "true":
-            pytest.fail(str(error))
-        pytest.skip(str(error))
 
 
 @pytest.fixture

@@ -2,31 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 
 import pytest
 from bench_rig import IMPATIENT, Bench
 from small_rig import simulated_source
 
-from drivers.aravis.library import load_library
 from drivers.bench import VirtualBench
 from drivers.bench.devices import devices_of
-from drivers.errors import DeviceUnavailableError
 from service.acquisition.orchestrator import Orchestrator
 from service.acquisition.request import CaptureRequest
 from service.acquisition.settings import AcquisitionSettings
-
-
-@pytest.fixture(scope="session")
-def aravis() -> None:
-    """The library; in CI its absence is a failure."""
-    try:
-        load_library("camera")
-    except DeviceUnavailableError as error:
-        if os.environ.get("CI") == "true":
-            pytest.fail(str(error))
-        pytest.skip(str(error))
 
 
 @pytest.fixture(scope="module")

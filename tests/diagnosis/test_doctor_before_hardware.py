@@ -105,7 +105,7 @@ def test_a_fault_of_the_wires_is_an_exit_status(run: Run, attached: EmulatedRig)
 
 
 def test_old_firmware_is_a_fault_that_tells_what_to_do(
-    camera_library: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    aravis: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     with EmulatedRig(controller={"version": Release(2, 0, 0)}) as rig:
         monkeypatch.setattr(rig_module, "make_devices", lambda _: rig.devices)
@@ -114,7 +114,7 @@ def test_old_firmware_is_a_fault_that_tells_what_to_do(
     assert "3.0.0 is the oldest that works; update it" in symptom.finding
 
 
-def test_access_is_told_even_where_no_device_can_be_opened(camera_library: None, tmp_path: Path) -> None:
+def test_access_is_told_even_where_no_device_can_be_opened(aravis: None, tmp_path: Path) -> None:
     """Cameras that may not be opened are not listed, so the rig only says that it found none."""
     made_up = MadeUpHost(tmp_path / "host")
     node = made_up.attach(CAMERA, "0138C343", node=False)

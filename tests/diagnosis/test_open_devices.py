@@ -39,7 +39,7 @@ def told_of(rig: EmulatedRig) -> dict[str, Symptom]:
     return {symptom.subject: symptom for symptom in examine_hardware(rig.devices)}
 
 
-def test_the_library_tells_its_release_and_place(camera_library: None) -> None:
+def test_the_library_tells_its_release_and_place(aravis: None) -> None:
     library = loaded_library()
     assert library.version is not None
     assert LibraryVersion(0, 8, 26) <= library.version < LibraryVersion(0, 9, 0)
@@ -127,7 +127,7 @@ def test_leds_beyond_the_limit_are_a_fault(emulated: EmulatedRig) -> None:
     assert "red beyond the limit" in symptom.finding
 
 
-def test_limits_beyond_the_supply_are_warned_of(camera_library: None) -> None:
+def test_limits_beyond_the_supply_are_warned_of(aravis: None) -> None:
     with EmulatedRig(led_limits=(255, 255, 255)) as rig:
         rig.open()
         symptom = told_of(rig)["projector LEDs"]
@@ -150,7 +150,7 @@ def test_a_projector_that_falls_silent_is_a_fault(emulated: EmulatedRig) -> None
     assert told_of(emulated)["projector status"].state == "fault"
 
 
-def test_flash_that_holds_more_than_the_manifest_does_no_harm(camera_library: None) -> None:
+def test_flash_that_holds_more_than_the_manifest_does_no_harm(aravis: None) -> None:
     with EmulatedRig(FlashManifest.packed(make_plan("composite"))) as rig:
         rig.open()
         symptom = told_of(rig)["projector flash"]
