@@ -39,7 +39,15 @@ class FirmwareFile:
     @classmethod
     def from_file(cls, path: Path) -> FirmwareFile:
         """Raises FirmwareError where the file cannot be read or is none."""
-        return cls.parse(read_firmware(path))
+        return cls.parse_of(path, read_firmware(path))
+
+    @classmethod
+    def parse_of(cls, path: Path, data: bytes) -> FirmwareFile:
+        """As ``parse``, with the file's name in the error."""
+        try:
+            return cls.parse(data)
+        except FirmwareError as error:
+            raise FirmwareError(f"firmware {path}: {error}") from error
 
     def image(self, index: int) -> Pixels:
         """(rows, columns, 3) green, red, blue; FirmwareError if damaged."""

@@ -126,13 +126,23 @@ class FlashManifest(BaseModel):
                 content = content.get("manifest")
             return cls.model_validate(content)
         except (OSError, ValidationError, ValueError, RecursionError) as error:
-            reason = " ".join(str(error).split())[:300]
-            raise DeviceConfigurationError(NAME, "manifest", path, f"the file cannot be used: {reason}") from error
+            advice = f"{_reason(error)}; name the one that 'duofringe patterns export' or 'firmware build' wrote"
+            raise DeviceConfigurationError(NAME, "manifest", path, f"the file cannot be used: {advice}") from error
 
     def write(self, path: Path) -> None:
         """Complete under its name, or not there."""
         with atomic_file(path) as partial:
             partial.write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
+
+
+def _reason(error: Exception) -> str:
+    """The first thing that is wrong, in one line."""
+    if isinstance(error, ValidationError):
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"]) or "it"
+        return f"{place}: {first['msg'].removeprefix('Value error, ')}"
+    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return " ".join(text.split())[:200]
 
 
 def _depth(pattern: Pattern) -> Depth:

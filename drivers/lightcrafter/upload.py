@@ -82,7 +82,7 @@ def read_upload(path: Path) -> bytes:
     Raises FirmwareError.
     """
     data = read_firmware(path)
-    firmware = FirmwareFile.parse(data)
+    firmware = FirmwareFile.parse_of(path, data)
     read_record(path, data)
     if len(data) > LARGEST_FILE:
         raise FirmwareError(f"{path} has {len(data)} bytes; {LARGEST_FILE} are safe; store fewer images")

@@ -41,7 +41,7 @@ def inspect_command(
     from drivers.lightcrafter.firmware_record import digest, read_record
 
     data = read_firmware(file)
-    firmware = FirmwareFile.parse(data)
+    firmware = FirmwareFile.parse_of(file, data)
     record = read_record(file, data)
     for index in range(len(firmware.blobs)):
         firmware.image(index)
