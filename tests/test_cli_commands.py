@@ -133,7 +133,7 @@ class TestEvaluate:
         output = tmp_path / "figures.json"
         status, out, _ = run("evaluate", dataset, "--methods", "nstep,wft", "--output", output)
         assert status == 0
-        assert out.count("Valid %") == 1
+        assert out.count("Valid %") == 2  # of the whole split, and by class
         assert "common MAE_z" in out
         figures = json.loads(output.read_text())
         assert list(figures["rows"]) == ["nstep", "wft", "nstep wrapped"]

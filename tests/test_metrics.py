@@ -21,12 +21,15 @@ from models.metrics import (
     common_mask,
     compare,
     compare_all,
+    differences_as_json,
     figures_as_json,
+    paired_bootstrap,
     table_rows,
     table_text,
 )
 from models.metrics.histogram import BINS, count, quantile
-from models.metrics.tables import DEPTH_TABLE, MAIN_TABLE
+from models.metrics.layout import markdown_table, text_table
+from models.metrics.tables import CLASS_TABLE, DEPTH_TABLE, MAIN_TABLE, class_rows, difference_rows
 from models.points import PointMap, Reason
 
 PERIOD = 9.0
@@ -333,6 +336,69 @@ def test_equal_scenes_have_no_width_and_one_scene_no_interval(rig, scene):
     assert math.isnan(bootstrap(samples[:1], seed=0)["valid"][0])
 
 
+# Differences
+
+
+def test_a_constant_advantage_is_certain_when_the_same_scenes_are_drawn(rig, scene):
+    """Scenes differ by tens of points, the methods by two in each: only the paired interval can tell."""
+    hard = np.random.default_rng(1).uniform(0.1, 0.7, 30)
+    worse, better = many(rig, scene, hard), many(rig, scene, hard - 0.02)
+    told = paired_bootstrap(better, worse, seed=3)["valid"]
+    assert told.value == pytest.approx(2, abs=0.1)  # shares are cut to whole pixels
+    assert 1.8 < told.low <= told.value <= told.high < 2.2
+    assert told.excludes_zero
+    (low, high), (low_worse, high_worse) = bootstrap(better, seed=3)["valid"], bootstrap(worse, seed=3)["valid"]
+    assert low < high_worse
+    assert low_worse < high
+    assert high - low > 20 * (told.high - told.low)
+
+
+def test_a_difference_turns_its_sign_with_its_rows(rig, scene):
+    ours, theirs = (many(rig, scene, np.array(s)) for s in ([0.1, 0.3, 0.2], [0.3, 0.1, 0.3]))
+    there, back = paired_bootstrap(ours, theirs, seed=1), paired_bootstrap(theirs, ours, seed=1)
+    for name, told in there.items():
+        assert (told.value, told.low, told.high) == pytest.approx(
+            (-back[name].value, -back[name].high, -back[name].low), nan_ok=True
+        )
+    assert there["valid"].low < 0 < there["valid"].high
+    assert not there["valid"].excludes_zero
+
+
+def test_a_method_against_itself_differs_by_nothing(rig, scene):
+    samples = many(rig, scene, np.array([0.1, 0.3]))
+    told = paired_bootstrap(samples, samples, seed=1)["valid"]
+    assert (told.value, told.low, told.high, told.excludes_zero) == (0, 0, 0, False)
+
+
+def test_one_scene_has_a_difference_without_interval(rig, scene):
+    (told,) = (paired_bootstrap(many(rig, scene, [0.1]), many(rig, scene, [0.3]), seed=1)["valid"],)
+    assert told.value == pytest.approx(20)
+    assert math.isnan(told.low)
+    assert not told.excludes_zero
+
+
+def test_only_the_same_scenes_can_be_paired(rig, scene):
+    with pytest.raises(ValueError, match="2 samples cannot be paired with 1"):
+        paired_bootstrap(many(rig, scene, [0.1, 0.2]), many(rig, scene, [0.1]), seed=0)
+
+
+def test_differences_are_marked_where_their_interval_excludes_zero(rig, scene):
+    same, worse = many(rig, scene, np.array([0.1, 0.2])), many(rig, scene, np.array([0.2, 0.4]))
+    differences = {"worse": paired_bootstrap(worse, same, 0), "same": paired_bootstrap(same, same, 0)}
+    rows = difference_rows(MAIN_TABLE, differences, "good")
+    assert [row[:2] for row in rows] == [
+        ["minus good", "Valid %"],
+        ["worse", "-15.00*"],
+        ["  95 %", "-20.00..-10.00 "],
+        ["same", "+0.00 "],
+        ["  95 %", "+0.00..+0.00 "],
+    ]
+    assert difference_rows(DEPTH_TABLE, differences, "good")[1][1] == "- "
+    data = json.loads(json.dumps(differences_as_json(differences["worse"]), allow_nan=False))
+    assert data["valid"] == {"difference": pytest.approx(-15), "interval": [-20, -10], "excludes_zero": True}
+    assert data["common_mae_depth"] == {"difference": None, "interval": [None, None], "excludes_zero": False}
+
+
 # Tables
 
 
@@ -366,3 +432,28 @@ def test_json_is_strict_and_complete(rig, scene):
     assert data["common_mae_depth"] is None
     assert data["intervals"]["valid"] == [70, 90]
     assert set(data) == {f.name for f in dataclasses.fields(Figures)} | {"intervals"}
+
+
+def test_the_table_of_classes_has_a_heading_and_its_rows_a_class(rig, scene):
+    results, _ = example(rig, scene)
+    rows = class_rows({"dark": results, "glossy": {"wft": results["wft"]}})
+    assert rows[0] == ["class, method", *(column.heading for column in CLASS_TABLE)]
+    assert rows[1] == ["dark: 2 samples, 1000 pixels"]
+    assert [row[:2] for row in rows[2:4]] == [["  wft", "80.00"], ["  nstep", "100.00"]]
+    assert [row[0] for row in rows[4:]] == ["glossy: 2 samples, 1000 pixels", "  wft"]
+
+
+def test_headings_inside_tables_take_no_column():
+    rows = [["method", "|e| mm"], ["a long heading of a class"], ["  wft", "1.5"]]
+    assert text_table(rows).splitlines() == [
+        "method  |e| mm",
+        "--------------",
+        "a long heading of a class",
+        "  wft      1.5",
+    ]
+    assert markdown_table(rows).splitlines() == [
+        "| method | \\|e\\| mm |",
+        "| --- | ---: |",
+        "| **a long heading of a class** |  |",
+        "| wft | 1.5 |",
+    ]

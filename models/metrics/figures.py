@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,23 @@ class Figures:
     gross: float
 
 
+_COUNTS = frozenset({"samples", "pixels", "common_pixels"})
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A figure of one method minus that of another, and the interval of it, low..high; NaN where there is none."""
+
+    value: float
+    low: float
+    high: float
+
+    @property
+    def excludes_zero(self) -> bool:
+        """Whether the interval lies to one side of zero."""
+        return self.low > 0 or self.high < 0
+
+
 def aggregate(samples: Sequence[SampleErrors]) -> Figures:
     """Figures over all pixels of all samples; of one sample, with a sequence of one."""
     sums, histograms = _stack(samples)
@@ -62,21 +79,55 @@ def bootstrap(
 
     Scenes, not pixels, are drawn: errors within a scene belong together. (NaN, NaN) for fewer than two scenes.
     """
+    if len(samples) < 2:
+        return {f.name: (np.nan, np.nan) for f in fields(Figures) if f.name not in _COUNTS}
+    drawn = _resampled(samples, _draws(len(samples), seed, resamples))
+    return {name: _interval(values, confidence) for name, values in drawn.items()}
+
+
+def paired_bootstrap(
+    samples: Sequence[SampleErrors],
+    against: Sequence[SampleErrors],
+    seed: int,
+    *,
+    resamples: int = 1000,
+    confidence: float = 0.95,
+) -> dict[str, Difference]:
+    """How much each figure of ``samples`` is above that of ``against``, by field name of ``Figures``.
+
+    Both are of the same scenes in the same order (ValueError otherwise), and each draw takes the same scenes for both:
+    what makes a scene hard for either falls out of the difference. The intervals are as in ``bootstrap``.
+    """
+    if len(samples) != len(against):
+        raise ValueError(f"{len(samples)} samples cannot be paired with {len(against)}")
+    here, there = asdict(aggregate(samples)), asdict(aggregate(against))
+    names = [name for name in here if name not in _COUNTS]
+    if len(samples) < 2:
+        return {name: Difference(here[name] - there[name], np.nan, np.nan) for name in names}
+    draws = _draws(len(samples), seed, resamples)
+    ours, theirs = _resampled(samples, draws), _resampled(against, draws)
+    return {
+        name: Difference(here[name] - there[name], *_interval(ours[name] - theirs[name], confidence)) for name in names
+    }
+
+
+def _draws(count: int, seed: int, resamples: int) -> FloatArray:
+    """How often each scene is drawn, (resamples, count)."""
+    drawn = np.random.default_rng(seed).multinomial(count, np.full(count, 1 / count), resamples)
+    return drawn.astype(np.float64)
+
+
+def _resampled(samples: Sequence[SampleErrors], draws: FloatArray) -> dict[str, FloatArray]:
+    """Every figure of every draw, (resamples,) each."""
     sums, histograms = _stack(samples)
-    count = len(samples)
-    rng = np.random.default_rng(seed)
-    draws = rng.multinomial(count, np.full(count, 1 / count), resamples) if count else np.zeros((resamples, 0))
-    weights = draws.astype(np.float64)
-    shares = _shares({name: weights @ column for name, column in sums.items()}, weights @ histograms)
-    tails = [(1 - confidence) / 2, (1 + confidence) / 2]
-    return {name: _interval(values, tails) if count > 1 else (np.nan, np.nan) for name, values in shares.items()}
+    return _shares({name: draws @ column for name, column in sums.items()}, draws @ histograms)
 
 
-def _interval(values: FloatArray, tails: Sequence[float]) -> Interval:
+def _interval(values: FloatArray, confidence: float) -> Interval:
     known = values[np.isfinite(values)]
     if known.size == 0:
         return np.nan, np.nan
-    low, high = np.quantile(known, tails)
+    low, high = np.quantile(known, [(1 - confidence) / 2, (1 + confidence) / 2])
     return float(low), float(high)
 
 

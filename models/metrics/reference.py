@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -50,3 +50,7 @@ class Reference:
         known = np.isfinite(self.depth)
         depth = np.where(known, self.depth, 0)
         return np.asarray(self.foreground & known & (depth >= near) & (depth <= far))
+
+    def limited_to(self, region: npt.NDArray[np.bool_]) -> Reference:
+        """The same reference of which only the pixels of a region (H, W) are compared."""
+        return replace(self, foreground=self.foreground & region)

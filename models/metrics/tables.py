@@ -1,4 +1,4 @@
-"""The paper's two tables as rows of text, as plain text, and as JSON."""
+"""The paper's two tables, those of classes and of differences, as rows of text; figures as plain text and as JSON."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from models.metrics.figures import Figures, Interval
+from models.metrics.figures import Difference, Figures, Interval
+from models.metrics.layout import text_table
 
 Intervals = Mapping[str, Interval]
+Differences = Mapping[str, Difference]
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,12 @@ DEPTH_TABLE = (
 )
 """The paper's tab:additional_depth_analysis, with the median and the share of gross errors."""
 TABLES = (MAIN_TABLE, DEPTH_TABLE)
+CLASS_TABLE = tuple(
+    column
+    for column in MAIN_TABLE
+    if column.figure in ("valid", "order_accuracy", "mae_depth", "rmse_depth", "within_1mm")
+)
+"""The figures that are told for each class of scenes and each region."""
 
 
 def table_rows(
@@ -59,18 +67,44 @@ def table_rows(
 
 
 def table_text(results: Mapping[str, Figures], intervals: Mapping[str, Intervals] | None = None) -> str:
-    """Both tables in plain text, with the numbers of samples and pixels under each."""
-    blocks = []
-    for columns in TABLES:
-        rows = table_rows(columns, results, intervals)
-        widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
-        lines = [
-            "  ".join([row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True))])
-            for row in rows
+    """Both tables in plain text, with the numbers of samples and pixels under them."""
+    blocks = [text_table(table_rows(columns, results, intervals)) for columns in TABLES]
+    return "\n\n".join([*blocks, counts_line(results)]) + "\n"
+
+
+def class_rows(classes: Mapping[str, Mapping[str, Figures]]) -> list[list[str]]:
+    """Cells of the table of classes: for each class, by its title, a row of one cell and then a row a method."""
+    rows = [["class, method", *(column.heading for column in CLASS_TABLE)]]
+    for title, results in classes.items():
+        first = next(iter(results.values()))
+        rows.append([f"{title}: {_samples(first)}, {first.pixels} pixels"])
+        rows += [
+            [f"  {method}", *(_cell(getattr(figures, c.figure), c.decimals) for c in CLASS_TABLE)]
+            for method, figures in results.items()
         ]
-        lines.insert(1, "-" * len(lines[0]))
-        blocks.append("\n".join(lines))
-    return "\n\n".join([*blocks, _counts(results)]) + "\n"
+    return rows
+
+
+def difference_rows(columns: Sequence[Column], differences: Mapping[str, Differences], against: str) -> list[list[str]]:
+    """Cells of a table of differences to the row ``against``: signed, marked ``*`` where the interval excludes 0.
+
+    Under each row stands its interval.
+    """
+    rows = [[f"minus {against}", *(column.heading for column in columns)]]
+    for method, by_figure in differences.items():
+        told = [(by_figure[column.figure], column.decimals) for column in columns]
+        rows.append([method, *(_signed(d.value, n) + ("*" if d.excludes_zero else " ") for d, n in told)])
+        bounds = [f"{_signed(d.low, n)}..{_signed(d.high, n)} " for d, n in told]
+        rows.append(["  95 %", *(cell if cell != "-..- " else "- " for cell in bounds)])
+    return rows
+
+
+def counts_line(results: Mapping[str, Figures]) -> str:
+    """The numbers of samples and pixels that figures are of."""
+    if not results:
+        return "no method was compared"
+    first = next(iter(results.values()))
+    return f"{_samples(first)}, {first.pixels} foreground pixels, {first.common_pixels} of them valid in every method"
 
 
 def figures_as_json(figures: Figures, intervals: Intervals | None = None) -> dict[str, Any]:
@@ -81,16 +115,28 @@ def figures_as_json(figures: Figures, intervals: Intervals | None = None) -> dic
     return plain
 
 
+def differences_as_json(differences: Differences) -> dict[str, Any]:
+    """Difference, its interval and whether that excludes 0, by figure; null where one does not exist."""
+    return {
+        name: {
+            "difference": _number(told.value),
+            "interval": [_number(told.low), _number(told.high)],
+            "excludes_zero": told.excludes_zero,
+        }
+        for name, told in differences.items()
+    }
+
+
 def _cell(value: float, decimals: int) -> str:
     return f"{value:.{decimals}f}" if math.isfinite(value) else "-"
 
 
-def _counts(results: Mapping[str, Figures]) -> str:
-    if not results:
-        return "no method was compared"
-    first = next(iter(results.values()))
-    samples = "1 sample" if first.samples == 1 else f"{first.samples} samples"
-    return f"{samples}, {first.pixels} foreground pixels, {first.common_pixels} of them valid in every method"
+def _signed(value: float, decimals: int) -> str:
+    return f"{value:+.{decimals}f}" if math.isfinite(value) else "-"
+
+
+def _samples(figures: Figures) -> str:
+    return "1 sample" if figures.samples == 1 else f"{figures.samples} samples"
 
 
 def _number(value: float) -> float | None:
