@@ -39,6 +39,7 @@ from service.routes.documented import ANY_ERROR
 from service.routes.media_type import require_json
 from service.settings import ServiceSettings
 from service.warm_up import warm_up
+from service.weights import WeightsShelf
 
 logger = logging.getLogger("duofringe.service")
 _DESCRIPTION = (
@@ -59,7 +60,9 @@ def open_service(settings: ServiceSettings) -> Service:
         devices.release()
         raise
     orchestrator = Orchestrator(devices, settings.acquisition)
-    return Service(settings, orchestrator, library, ComputeLane(), RigWatch(orchestrator))
+    compute = ComputeLane()
+    weights = WeightsShelf(settings.library.weights, compute)
+    return Service(settings, orchestrator, library, compute, weights, RigWatch(orchestrator))
 
 
 def create_app(service: Service) -> FastAPI:

@@ -13,7 +13,7 @@ from service.library import NotFoundError, StoredCapture
 
 
 def take(
-    service: Service, request: CaptureRequest, capture_id: str, *, needs: PatternKind | None = None
+    service: Service, request: CaptureRequest, capture_id: str, *, needs: frozenset[PatternKind] = frozenset()
 ) -> CaptureOutcome:
     """Take a capture that bears the id already; nothing is stored. Raises as ``Orchestrator.capture``, or disk full."""
     service.library.require_space()

@@ -12,16 +12,18 @@ from service.acquisition.watch import RigWatch
 from service.compute import ComputeLane
 from service.library import Library
 from service.settings import ServiceSettings
+from service.weights import WeightsShelf
 
 
 @dataclass(frozen=True, eq=False)
 class Service:
-    """One rig and who looks after it, one library, one compute lane."""
+    """One rig and who looks after it, one library, one compute lane, and the refiner's weights."""
 
     settings: ServiceSettings
     orchestrator: Orchestrator
     library: Library
     compute: ComputeLane
+    weights: WeightsShelf
     watch: RigWatch
 
     def close(self) -> None:

@@ -21,6 +21,7 @@ from starlette.routing import Match
 
 from drivers.errors import DeviceConfigurationError, DriverError, SequenceInvalidError
 from models.errors import CalibrationError, CaptureError, DuofringeError, ReconstructionError
+from models.refiner.errors import RefinerError
 from service.acquisition.cancellation import CaptureCancelledError
 from service.acquisition.lock import RigBusyError
 from service.acquisition.orchestrator import RigNotConnectedError, SceneError
@@ -142,6 +143,12 @@ _BY_EXCEPTION: Mapping[type[DuofringeError], ProblemType] = {
         422,
         "The capture was stored but gave no cloud",
         "Look at the capture that 'capture' names; reconstruct it with other options.",
+    ),
+    RefinerError: ProblemType(
+        "weights-unusable",
+        422,
+        "The refiner's weights do not serve",
+        "Name weights that are for the capture's fringes, or another method.",
     ),
     ReconstructionError: ProblemType(
         "reconstruction-failed", 422, "The images gave no trustworthy cloud", "Do what 'detail' suggests."

@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from models.capture import Capture
 from models.errors import DuofringeError, ReconstructionError
-from models.patterns import PatternKind
-from models.reconstruct import SINGLE_SHOT_METHODS, Method, ReconstructionOptions, kinds_needed, reconstruct
+from models.reconstruct import Method, Reconstruction, ReconstructionOptions, kinds_needed, reconstruct
 from models.stereo.matcher import Matching
 from service.acquisition.request import LONGEST_PLAN, PLAN_HELP, CaptureOptions, CaptureRequest, PlanField
 from service.captures import already_stored, take
-from service.compute import ComputeBusyError
 from service.context import Service
 from service.library import StoredCapture, StoredReconstruction
+from service.method_choice import MethodChoice, choose
 from service.views import CaptureAndReconstructionAnswer, CaptureView, Clocks, ReconstructionView
-
-_INDISPENSABLE: dict[Method, PatternKind] = {"nstep": "high", **dict.fromkeys(SINGLE_SHOT_METHODS, "composite")}
-_DEFAULT_PLAN: dict[Method, str] = {"nstep": "reference", **dict.fromkeys(SINGLE_SHOT_METHODS, "composite")}
+from service.weights import NAME_PATTERN
 
 
 class CaptureKeptError(DuofringeError):
@@ -37,7 +35,20 @@ class OptionsRequest(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    method: Method = Field("wft", description="nstep: the reference's exposures. The others: one composite exposure.")
+    method: Method | None = Field(
+        None,
+        description="nstep: the reference's exposures. The others: one composite exposure. By default the best that "
+        "the capture allows: refiner where the default weights are for its fringes, else wft; nstep without a "
+        "composite.",
+        examples=["refiner"],
+    )
+    weights: str | None = Field(
+        None,
+        pattern=NAME_PATTERN,
+        description="Of the method refiner, which they ask for: name of shipped weights or of a folder in the "
+        "service's weights folder. By default the shipped ones.",
+        examples=["sim"],
+    )
     matching: Matching | None = Field(
         None, description="By default trinocular where the calibration has a projector, else stereo."
     )
@@ -52,15 +63,31 @@ class OptionsRequest(BaseModel):
             raise ValueError("depth_range: 0 < MIN < MAX < 1e6 mm")
         return self
 
-    def options(self) -> ReconstructionOptions:
-        """As the reconstruction takes them. Raises ReconstructionError for a device that is not here."""
+    @model_validator(mode="after")
+    def _weights_are_the_refiner_s(self) -> OptionsRequest:
+        if self.weights is not None and self.method not in (None, "refiner"):
+            raise ValueError(f"weights: method {self.method} takes none; only refiner does")
+        return self
+
+    @property
+    def asked(self) -> Method | None:
+        """The method, which weights name as well; None for the best."""
+        return self.method if self.weights is None else "refiner"
+
+    def require_device(self) -> None:
+        """Raise ReconstructionError for a device that is not here."""
         if self.device != "cpu":
             import torch  # a second of import that only a request for CUDA needs to wait for here
 
             index = int(self.device.partition(":")[2] or 0)
             if index >= torch.cuda.device_count():
                 raise ReconstructionError(f"device '{self.device}' is not in this computer; use cpu")
-        return ReconstructionOptions(self.method, self.matching, self.depth_range, self.device)
+
+    def options(self, choice: MethodChoice, capture: Capture) -> ReconstructionOptions:
+        """For one capture. Raises as ``MethodChoice.method_for``."""
+        method = choice.method_for(capture)
+        weights = str(choice.weights.folder) if method == "refiner" and choice.weights is not None else None
+        return ReconstructionOptions(method, self.matching, self.depth_range, self.device, weights)
 
 
 class ReconstructionRequest(OptionsRequest):
@@ -78,17 +105,21 @@ class CaptureAndReconstructionRequest(CaptureOptions, OptionsRequest):
 
     def capture_request(self) -> CaptureRequest:
         """Its capture alone."""
-        plan = self.plan if self.plan is not None else _DEFAULT_PLAN[self.method]
+        plan = self.plan if self.plan is not None else "reference" if self.asked == "nstep" else "composite"
         options = {name: getattr(self, name) for name in CaptureOptions.model_fields}
         return CaptureRequest(plan=plan, **options)
 
 
 def reconstruct_stored(service: Service, request: ReconstructionRequest, reconstruction_id: str) -> ReconstructionView:
     """Reconstruct a capture of the library and store the result."""
-    options = request.options()
+    request.require_device()
     service.library.require_space()
-    capture = service.library.captures.read(request.capture, kinds=kinds_needed(request.method))
-    result = service.compute.submit(lambda: reconstruct(capture, options)).result()
+    choice = choose(service.weights, request.asked, request.weights)
+    capture = service.library.captures.read(request.capture, kinds=kinds_needed(choice.asked or "wft"))
+    if choice.asked is None and not capture.plan.patterns:
+        capture = service.library.captures.read(request.capture, kinds=kinds_needed("nstep"))
+    options = request.options(choice, capture)
+    result = _named(service.compute.submit(lambda: reconstruct(capture, options)).result(), choice)
     stored = service.library.reconstructions.add(result, request.capture, _extra(capture), id=reconstruction_id)
     return ReconstructionView.of(stored)
 
@@ -101,22 +132,24 @@ def capture_and_reconstruct(
     Raises what ``Orchestrator.capture`` and ``reconstruct`` raise.
     """
     started = time.perf_counter()
-    options = request.options()
+    request.require_device()
     wanted = request.capture_request()
     finished_before = already_stored(service, capture_id)
     if finished_before is not None:
         return _resume(service, request, finished_before, started)
-    outcome = take(service, wanted, capture_id, needs=_INDISPENSABLE[request.method])
+    choice = choose(service.weights, request.asked, request.weights)
+    outcome = take(service, wanted, capture_id, needs=choice.needs)
     captured = time.perf_counter()
     try:
+        options = request.options(choice, outcome.capture)
         computing = service.compute.submit(lambda: reconstruct(outcome.capture, options))
-    except ComputeBusyError as error:
+    except DuofringeError as error:
         service.library.captures.add(outcome.capture, capture_id)
         raise CaptureKeptError(error, capture_id) from error
     stored = service.library.captures.add(outcome.capture, capture_id)
     stored_after = time.perf_counter() - captured
     try:
-        result = computing.result()
+        result = _named(computing.result(), choice)
         computed = time.perf_counter()
         saved = service.library.reconstructions.add(result, capture_id, _extra(outcome.capture))
     except DuofringeError as error:
@@ -146,6 +179,13 @@ def _resume(
     saved = service.library.reconstructions.get(view.id)
     total = time.perf_counter() - started
     return _answer(stored, saved, 1, {"total": total}, Clocks(acquisition_s=0.0, result_s=total))
+
+
+def _named(result: Reconstruction, choice: MethodChoice) -> Reconstruction:
+    """The record names the weights, not where this computer keeps them."""
+    if result.weights is None or choice.weights is None:
+        return result
+    return replace(result, options=replace(result.options, weights=choice.weights.name))
 
 
 def _extra(capture: Capture) -> dict[str, Any]:

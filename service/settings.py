@@ -27,7 +27,13 @@ from models.errors import DuofringeError
 from service.acquisition.settings import AcquisitionSettings
 
 MEBIBYTE = 1 << 20
-_PATHS = (("library", "folder"), ("rig", "replay"), ("rig", "calibration"), ("rig", "projector", "manifest"))
+_PATHS = (
+    ("library", "folder"),
+    ("library", "weights_folder"),
+    ("rig", "replay"),
+    ("rig", "calibration"),
+    ("rig", "projector", "manifest"),
+)
 _SHORTEST_KEY = 16
 
 
@@ -57,12 +63,21 @@ class ServerSettings(BaseModel):
 
 
 class LibrarySettings(BaseModel):
-    """folder: where captures and reconstructions are kept. minimum_free_bytes: below this nothing more is written."""
+    """folder: where captures and reconstructions are kept. minimum_free_bytes: below this nothing more is written.
+
+    weights_folder: holds folders of the refiner's weights, which requests may name; None for ``weights`` in ``folder``.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     folder: Path = Path("duofringe-library")
     minimum_free_bytes: int = Field(512 * MEBIBYTE, ge=0)
+    weights_folder: Path | None = None
+
+    @property
+    def weights(self) -> Path:
+        """The weights folder, which need not exist."""
+        return self.weights_folder or self.folder / "weights"
 
 
 class ServiceSettings(BaseSettings):

@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field
 from models.geometry.rig import Side
 from service.library import StoredCapture, StoredReconstruction
 from service.library.reconstruction_record import ReconstructionStatistics
+from service.summary import WeightsUsed
 
 _LINK_NAMES = re.compile(r"[./]")
 
@@ -79,7 +80,8 @@ class ReconstructionView(BaseModel):
     id: str
     created: datetime
     capture: str | None = None
-    method: str | None = None
+    method: str | None = Field(None, description="The one used, whether asked for or chosen.", examples=["refiner"])
+    weights: WeightsUsed | None = Field(None, description="Of the method refiner.")
     matching: str | None = None
     depth_range_mm: tuple[float, float] | None = None
     size: tuple[int, int] | None = Field(None, description="(width, height) of the point map")
@@ -107,6 +109,7 @@ class ReconstructionView(BaseModel):
             created=stored.created,
             capture=record.capture,
             method=record.method,
+            weights=record.weights,
             matching=record.matching,
             depth_range_mm=record.depth_range,
             size=record.size,

@@ -78,6 +78,7 @@ class TestExitStatus:
             "reconstruct c --method nstep --output x.ply --depth-range nan 400",
             "reconstruct c --method nstep --output x.ply --depth-range 400 inf",
             "reconstruct c --method nstep --output x.ply --matching both",
+            "reconstruct c --method wft --output x.ply --weights sim",
             "evaluate d --methods nstep,fft",
             "evaluate d --methods nstep --matching both",
             "evaluate d --methods nstep --workers 0",

@@ -33,7 +33,7 @@ from models.stereo.matcher import MATCHINGS, Matching
 EVERY_MODE = list(itertools.product(METHODS, MATCHINGS))
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=len(EVERY_MODE))
 def reconstructed(method: Method, matching: Matching) -> Reconstruction:
     return reconstruct(objects_before_wall(), ReconstructionOptions(method, matching))
 

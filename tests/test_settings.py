@@ -39,6 +39,13 @@ def test_paths_in_the_file_are_beside_it(tmp_path: Path) -> None:
     assert settings.rig.replay == tmp_path / "sets" / "a"
 
 
+def test_the_weights_folder_is_in_the_library_unless_named(tmp_path: Path) -> None:
+    text = '[library]\nfolder = "kept"\n'
+    assert load_settings(_file(tmp_path, text)).library.weights == tmp_path / "kept" / "weights"
+    named = load_settings(_file(tmp_path, f'{text}weights_folder = "learned"\n'))
+    assert named.library.weights == tmp_path / "learned"
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [

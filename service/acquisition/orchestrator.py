@@ -147,10 +147,10 @@ class Orchestrator:
                 self._settings = found.settings
             return found
 
-    def capture(self, request: CaptureRequest, *, needs: PatternKind | None = None) -> CaptureOutcome:
+    def capture(self, request: CaptureRequest, *, needs: frozenset[PatternKind] = frozenset()) -> CaptureOutcome:
         """Take one capture; complete and proven, or not at all.
 
-        needs: patterns without which the capture would be of no use; a plan that lacks them is refused unprojected.
+        needs: patterns of which the capture must have one kind to be of use; a plan without is refused unprojected.
         Raises RigBusyError, RigNotConnectedError, PlanError, SceneError, SequenceInvalidError and
         DeviceConfigurationError where the request does not fit the rig, CaptureCancelledError, and
         SequenceRefusedError when no attempt could be kept.
@@ -160,8 +160,9 @@ class Orchestrator:
             self._revive()
             self._place(request.scene)
             plan = resolve_plan(request.plan, self.devices.projector.info.stored)
-            if needs is not None and needs not in plan.kinds:
-                raise PlanError(f"the plan lacks the {needs} patterns that the reconstruction's method needs")
+            if needs and not needs & plan.kinds:
+                kinds = " or ".join(sorted(needs))
+                raise PlanError(f"the plan lacks the {kinds} patterns that the reconstruction's method needs")
             settings = self._settings.with_exposure(request.exposure_us)
             refused: list[Finding] = []
             for attempt in range(1, self.acquisition.retakes + 2):

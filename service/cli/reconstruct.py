@@ -10,7 +10,7 @@ import typer
 from service.cli import console
 from service.cli.options import Calibration, DepthRange, Json, Matching, MethodName
 
-EXAMPLE = "Example: duofringe reconstruct demo/capture --method wft --depth-range 400 670 --output cloud.ply"
+EXAMPLE = "Example: duofringe reconstruct demo/capture --method refiner --depth-range 400 670 --output cloud.ply"
 
 
 def register(app: typer.Typer) -> None:
@@ -23,12 +23,18 @@ def command(
     output: Annotated[
         Path, typer.Option(metavar="FILE", help="Result by suffix: .npz .ply .pcd .xyz .tiff (depth) .glb")
     ],
+    weights: Annotated[
+        str | None,
+        typer.Option(metavar="NAME|PATH", help="Of the refiner: a shipped name, or a folder. Default: sim."),
+    ] = None,
     calibration: Calibration = None,
     matching: Matching = None,
     depth_range: DepthRange = None,
     json: Json = False,
 ) -> None:
     """Reconstruct a capture: points in mm, on the left camera's pixels."""
+    if weights is not None and method != "refiner":
+        raise typer.BadParameter(f"method {method} takes no weights; only refiner does", param_hint="--weights")
     # Loaded here, not above: torch alone takes over a second, and --help should not wait for it.
     from models.capture import read_capture
     from models.export import SUFFIXES, check_output, write_points
@@ -41,7 +47,7 @@ def command(
     check_output(output)
     loaded = read_capture(capture, kinds=kinds_needed(method), with_truth=False)
     rig = None if calibration is None else Rig.from_file(calibration, size=loaded.image_size)
-    options = ReconstructionOptions(method=method, matching=matching, depth_range=depth_range)
+    options = ReconstructionOptions(method=method, matching=matching, depth_range=depth_range, weights=weights)
     with console.progress("reconstruct") as report:
         reconstruction = reconstruct(loaded, options, rig=rig, progress=report)
         write_points(reconstruction.points, output)

@@ -17,7 +17,7 @@ from models.geometry.rig import Side
 from models.points import Origin
 from models.reconstruct import Reconstruction
 from service.library.phases import CARRIERS, Carrier
-from service.summary import summarise
+from service.summary import WeightsUsed, summarise
 
 RECORD_NAME = "reconstruction.json"
 
@@ -42,9 +42,10 @@ class ReconstructionStatistics(BaseModel):
 class ReconstructionRecord(BaseModel):
     """What was made of which capture, how, and what came out. Unknown keys are kept.
 
-    capture: id of the capture, which may have been deleted since. depth_range: (min, max) mm. timings_s: seconds per
-    stage. size: (width, height) of the left sensor's grid. phases: carriers by view. calibration: SHA-256 of the
-    calibration used. software: version of this program. extra: what the caller added.
+    capture: id of the capture, which may have been deleted since. weights: of the method refiner, else None.
+    depth_range: (min, max) mm. timings_s: seconds per stage. size: (width, height) of the left sensor's grid.
+    phases: carriers by view. calibration: SHA-256 of the calibration used. software: version of this program.
+    extra: what the caller added.
     """
 
     model_config = ConfigDict(extra="allow", populate_by_name=True, frozen=True)
@@ -54,6 +55,7 @@ class ReconstructionRecord(BaseModel):
     capture: str
     created: datetime
     method: str
+    weights: WeightsUsed | None = None
     matching: str
     depth_range: tuple[float, float]
     timings_s: dict[str, float]
@@ -83,6 +85,7 @@ def record_of(
         capture=capture_id,
         created=datetime.now(UTC),
         method=summary.method,
+        weights=summary.weights,
         matching=summary.matching,
         depth_range=reconstruction.depth_range,
         timings_s=summary.timings_s,

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from service.library.reconstruction_record import ReconstructionRecord
+from service.summary import WeightsUsed
 
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #26282d; background: #fff; max-width: 62rem; margin: 2rem auto;
@@ -61,6 +62,7 @@ def report_page(record: ReconstructionRecord, pictures: Mapping[str, str]) -> st
             {
                 "capture": record.capture,
                 "method": record.method,
+                **({} if record.weights is None else _weights(record.weights)),
                 "matching": record.matching,
                 "depth range": f"{record.depth_range[0]:.1f} to {record.depth_range[1]:.1f} mm",
                 "image size": f"{record.size[0]} x {record.size[1]} px",
@@ -80,6 +82,10 @@ def report_page(record: ReconstructionRecord, pictures: Mapping[str, str]) -> st
         f"<title>Reconstruction {escape(record.id)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
         f'<h1>Reconstruction</h1>\n<p class="id">{escape(record.id)}</p>\n{"".join(sections)}</body>\n</html>\n'
     )
+
+
+def _weights(used: WeightsUsed) -> dict[str, str]:
+    return {"weights": f"{used.name}, variant {used.variant}", "weights (SHA-256)": used.sha256}
 
 
 def _warnings(warnings: Iterable[Any]) -> str:

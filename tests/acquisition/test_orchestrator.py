@@ -69,7 +69,7 @@ class TestCapture:
     def test_a_plan_without_what_is_needed_moves_nothing(self, rig: RecordedRig) -> None:
         before = rig.bench.pulses_sent
         with pytest.raises(PlanError, match="high"):
-            rig.orchestrator.capture(COMPOSITE, needs="high")
+            rig.orchestrator.capture(COMPOSITE, needs=frozenset({"high"}))
         assert rig.bench.pulses_sent == before
 
     def test_exposure_of_one_capture_does_not_stay(self, rig: RecordedRig) -> None:
@@ -189,8 +189,8 @@ class TestScenes:
         write_capture(only(recorded, {"white", "high", "low", "gray", "black"}), tmp_path / "a")
         write_capture(only(recorded, {"composite"}), tmp_path / "b")
         rig = recorded_rig(tmp_path)
-        assert rig.orchestrator.capture(CaptureRequest(plan="reference"), needs="high").attempts == 1
-        assert rig.orchestrator.capture(COMPOSITE, needs="composite").attempts == 1
+        assert rig.orchestrator.capture(CaptureRequest(plan="reference"), needs=frozenset({"high"})).attempts == 1
+        assert rig.orchestrator.capture(COMPOSITE, needs=frozenset({"composite", "high"})).attempts == 1
         rig.orchestrator.close()
 
     def test_an_unknown_scene_is_refused(self, rig: RecordedRig) -> None:

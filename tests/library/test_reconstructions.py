@@ -10,7 +10,7 @@ import threading
 import time
 import zipfile
 from collections.abc import Iterator
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import cv2
@@ -24,6 +24,8 @@ from models.export.npz import ARRAYS, read_npz, write_npz
 from models.geometry.rig import Rig
 from models.points import PointMap, Reason
 from models.reconstruct import Reconstruction, ReconstructionOptions, reconstruct
+from models.refiner.configuration import RefinerConfiguration
+from models.refiner.weights import WeightsRecord
 from service.library import DamagedError, Library, LibraryError, NotFoundError, StoredReconstruction
 from service.library import reconstructions as module
 from service.library.artefacts import ARTEFACTS
@@ -73,6 +75,7 @@ class TestRoundTrip:
         assert (record.id, record.method, record.matching) == (stored.id, "wft", "stereo")
         assert (record.depth_range, record.size) == ((400.0, 700.0), (32, 24))
         assert record.phases == {"left": ("high", "low"), "right": ("high", "low")}
+        assert written["weights"] is None
         assert record.extra == {"warnings": ["saturated"], "job": 7}
         assert record.timings_s == {"phase": 0.1, "matching": 0.2, "points": 0.05}
         assert re.fullmatch(r"[0-9a-f]{64}", record.calibration)
@@ -85,6 +88,24 @@ class TestRoundTrip:
         assert statistics.z_mm[1] == pytest.approx(np.nanmedian(points.depth), abs=1e-3)
         assert statistics.median_confidence == pytest.approx(np.median(points.confidence[points.valid]), abs=1e-4)
         assert statistics.origins_percent == {"left_right": 100.0, "left_projector": 0.0}
+
+    def test_weights_of_the_refiner(self, library, result) -> None:  # type: ignore[no-untyped-def]
+        weights = WeightsRecord(
+            configuration=RefinerConfiguration(), periods=(9, 14), variant="sim+adapt", sha256="0123456789abcdef" * 4
+        )
+        options = ReconstructionOptions("refiner", weights="my-rig")
+        stored = library.reconstructions.add(replace(result, options=options, weights=weights), ABSENT, {})
+        used = stored.record.weights
+        assert (used.name, used.variant, used.sha256) == ("my-rig", "sim+adapt", weights.sha256)
+        shown = library.reconstructions.report(stored.id, {})
+        assert "my-rig, variant sim+adapt" in shown
+        assert weights.sha256 in shown
+
+    def test_a_record_from_before_there_were_weights(self, library, stored) -> None:  # type: ignore[no-untyped-def]
+        path = library.reconstructions.artefact(stored.id, "points.npz").with_name("reconstruction.json")
+        written = json.loads(path.read_text())
+        del written["weights"]
+        assert ReconstructionRecord.model_validate(written).weights is None
 
     def test_after_reopening(self, library, result, stored) -> None:  # type: ignore[no-untyped-def]
         library.close()

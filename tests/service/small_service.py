@@ -24,6 +24,7 @@ from service.compute import ComputeLane
 from service.context import Service
 from service.library import Library, LibraryLimits
 from service.settings import ServiceSettings
+from service.weights import WeightsShelf
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,17 +49,23 @@ def small_service(
     *,
     realtime: bool = False,
     calibration: Rig | None = None,
+    weights: Path | None = None,
     **settings: Any,
 ) -> Iterator[SmallService]:
-    """Without the warm-up, which takes longer than what most tests do. settings: as in the configuration."""
+    """Without the warm-up, which takes longer than what most tests do.
+
+    weights: the service's own folder of them. settings: as in the configuration.
+    """
     configured = ServiceSettings(
-        library={"folder": library, "minimum_free_bytes": 0},  # type: ignore[arg-type]  # validated
+        library={"folder": library, "minimum_free_bytes": 0, "weights_folder": weights},  # type: ignore[arg-type]
         **{"acquisition": AcquisitionSettings(retakes=0), **settings},
     )
     devices = virtual_rig(source, realtime=realtime, calibration=calibration)
     opened = Library.open(library, LibraryLimits(minimum_free_bytes=0))
     orchestrator = Orchestrator(devices, configured.acquisition)
-    service = Service(configured, orchestrator, opened, ComputeLane(), RigWatch(orchestrator))
+    compute = ComputeLane()
+    shelf = WeightsShelf(configured.library.weights, compute)
+    service = Service(configured, orchestrator, opened, compute, shelf, RigWatch(orchestrator))
     app = create_app(service)
     warm_up = patch("service.app.warm_up")
     with warm_up, TestClient(app, base_url="http://localhost", raise_server_exceptions=False) as client:

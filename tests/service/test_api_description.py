@@ -7,7 +7,11 @@ from typing import Any
 from urllib.parse import urljoin, urlsplit
 
 import pytest
+from pydantic import BaseModel
 from small_service import SmallService
+
+from service.reconstructions import CaptureAndReconstructionRequest, ReconstructionRequest
+from service.weights import NAME_PATTERN
 
 METHODS = ("get", "post", "put", "patch", "delete")
 _LOADED = re.compile(r"""(?:src|href|url)\s*[=:]\s*["']([^"']+)["']""")
@@ -88,6 +92,16 @@ def test_every_body_says_what_may_stand_in_it(document: dict[str, Any]) -> None:
         if name.endswith(("Request", "Patch")):
             assert schema["additionalProperties"] is False, name
             assert schema.get("description"), name
+
+
+@pytest.mark.parametrize("model", [ReconstructionRequest, CaptureAndReconstructionRequest])
+def test_examples_of_the_options_are_valid(document: dict[str, Any], model: type[BaseModel]) -> None:
+    schema = document["components"]["schemas"][model.__name__]
+    assert not {"method", "weights"} & set(schema.get("required", ()))
+    assert NAME_PATTERN in str(schema["properties"]["weights"])
+    examples = {name: field["examples"][0] for name, field in schema["properties"].items() if "examples" in field}
+    assert {"method", "weights", "depth_range"} <= set(examples)
+    model.model_validate({**dict.fromkeys(schema.get("required", ()), "x"), **examples})
 
 
 def test_files_are_told_apart_by_their_types(document: dict[str, Any], lasting: SmallService) -> None:

@@ -44,7 +44,7 @@ def check_against(client: httpx2.Client, answer: dict, expected: Reconstruction,
     assert answer["reconstruction"]["statistics"]["points"] == len(expected.points) > 1000
 
 
-@pytest.mark.parametrize("method", ["wft", "nstep"])
+@pytest.mark.parametrize("method", ["wft", "nstep", "refiner"])
 @pytest.mark.parametrize("rig", ["small", "simulated"])
 def test_the_cloud_is_that_of_the_library(
     rig: str, method: str, request: pytest.FixtureRequest, tmp_path: Path
@@ -147,7 +147,7 @@ def test_a_full_compute_lane_does_not_lose_the_capture(small: SmallService, monk
         raise ComputeBusyError(16)
 
     monkeypatch.setattr(ComputeLane, "submit", busy)
-    response = small.client.post(CALL)
+    response = small.client.post(CALL, json={"method": "wft"})
     body = problem(response, 503, "captured-not-reconstructed")
     assert int(response.headers["retry-after"]) > 0
     assert small.client.get(body["capture"]).status_code == 200

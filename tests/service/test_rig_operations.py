@@ -126,7 +126,11 @@ def test_a_disconnected_rig_says_so_until_it_is_connected(small: SmallService) -
         problem(small.client.request(method, path, json=body), 503, "rig-not-connected")
     ready = small.client.get("/v1/health/ready")
     assert ready.status_code == 503
-    assert [(check["name"], check["ok"]) for check in ready.json()["checks"]] == [("rig", False), ("storage", True)]
+    assert [(check["name"], check["ok"]) for check in ready.json()["checks"]] == [
+        ("rig", False),
+        ("storage", True),
+        ("weights", True),
+    ]
     assert small.client.get("/v1/health/live").json() == {"status": "ok"}
     assert small.client.post("/v1/rig/connect").json()["connected"]
     assert small.client.get("/v1/health/ready").json()["ready"]
