@@ -31,6 +31,7 @@ _RUNS: dict[str, ReconstructionOptions] = {
     "nstep": ReconstructionOptions(method="nstep", matching="trinocular"),
     "wft_stereo": ReconstructionOptions(method="wft", matching="stereo"),
     "wft": ReconstructionOptions(method="wft", matching="trinocular"),
+    "refiner": ReconstructionOptions(method="refiner", matching="trinocular"),
 }
 Report = Callable[[str, float], None]
 
@@ -52,7 +53,8 @@ def _simulate_capture(seed: int) -> Capture:
 
 @dataclass(frozen=True)
 class Demonstration:
-    """What a demonstration shows: reconstructions by name (``nstep``, ``wft_stereo``, ``wft``), and their errors."""
+    """What a demonstration shows: reconstructions by name (``nstep``, ``wft_stereo``, ``wft``, ``refiner``), and their
+    errors."""
 
     results: Mapping[str, Reconstruction]
     figures: Mapping[str, Figures]
@@ -102,16 +104,21 @@ def _demonstrate_simulated(folder: Path, seed: int, report: Report) -> tuple[Cap
     capture = read_capture(folder / "capture")  # what follows starts from the disk, as everywhere else
     results: dict[str, Reconstruction] = {}
     for index, (name, options) in enumerate(_RUNS.items()):
-        report(f"reconstructing: {options.method}, {options.matching}", 0.2 + 0.2 * index)
+        report(f"reconstructing: {options.method}, {options.matching}", 0.2 + 0.15 * index)
         results[name] = reconstruct(capture, options)
         write_points(results[name].points, folder / f"{name}.ply")
     report("drawing", 0.8)
-    write_points(results["wft"].points, folder / "wft.glb")
-    for name in ("nstep", "wft"):
+    for name in ("wft", "refiner"):
+        write_points(results[name].points, folder / f"{name}.glb")
+    for name in ("nstep", "wft", "refiner"):
         write_maps(results[name], folder, name)
     title = "Duofringe: depth from one exposure"
-    subtitle = "A simulated capture, reconstructed from its single composite exposure and from the full sequence"
-    write_picture(folder / "overview.png", compare_figure(title, subtitle, capture, results["wft"], results["nstep"]))
+    subtitle = (
+        "A simulated capture, reconstructed from its composite exposure with and without the learned refiner, and "
+        "from the full sequence"
+    )
+    picture = compare_figure(title, subtitle, capture, results["refiner"], results["wft"], results["nstep"])
+    write_picture(folder / "overview.png", picture)
     return capture, results
 
 

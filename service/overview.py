@@ -20,6 +20,7 @@ from service.pictures import (
     grey_picture,
     phase_scale,
     shaded_picture,
+    share_scale,
     tight_range,
     write_picture,
 )
@@ -55,39 +56,65 @@ def write_maps(reconstruction: Reconstruction, folder: Path, stem: str) -> list[
 
 
 def compare_figure(
-    title: str, subtitle: str, capture: Capture, single: Reconstruction, stepped: Reconstruction
+    title: str,
+    subtitle: str,
+    capture: Capture,
+    refined: Reconstruction,
+    filtered: Reconstruction,
+    stepped: Reconstruction,
 ) -> Picture:
-    """A single-shot reconstruction beside its N-step reference; ``capture`` has the composite and its truth."""
+    """One exposure refined and only filtered beside its N-step reference; ``capture`` has the composite and its truth.
+
+    Rows: what was seen and decoded; depth by each method; its error, and how sure the refiner was.
+    """
     assert capture.truth is not None
+    truth = np.where(capture.truth.foreground, capture.truth.depth, np.nan)
     scale = depth_scale(tight_range(stepped.points.depth))
-    error = np.where(capture.truth.foreground, single.points.depth - capture.truth.depth, np.nan)
-    periods = single.phases["left"].periods
-    top = [
+    periods = refined.phases["left"].periods
+    exposures = sum(p.is_fringe or p.is_gray or p.is_uniform for p in capture.plan.patterns)
+    seen = [
         _exposure_panel(capture, "left", "composite", "Left camera", "one exposure, both fringes in it"),
+        _exposure_panel(capture, "right", "composite", "Right camera", "the same instant"),
         *(
             Panel(
                 f"{_CARRIERS[c].capitalize()} phase",
-                phase_scale().paint(phase_map(single, "left", c)),
-                f"windowed Fourier filter, {periods[c]:g} columns a fringe",
+                phase_scale().paint(phase_map(refined, "left", c)),
+                f"refined, {periods[c]:g} columns a fringe",
                 phase_scale(),
             )
             for c in range(2)
         ),
-        _exposure_panel(capture, "right", "composite", "Right camera", "the same instant"),
     ]
-    exposures = sum(p.is_fringe or p.is_gray or p.is_uniform for p in capture.plan.patterns)
-    bottom = [
-        _depth_panel(single, scale, "Depth from one exposure", "windowed Fourier filter"),
-        _depth_panel(stepped, scale, f"Depth from {exposures} exposures", "phase shift and Gray code"),
-        Panel(
-            "Error of the one exposure",
-            error_scale(ERROR_LIMIT_MM).paint(error),
-            _error_caption(error),
-            error_scale(ERROR_LIMIT_MM),
-        ),
-        Panel("Surface from one exposure", shaded_picture(single.points.normals), "normals, lit from above"),
+    depths = [
+        _depth_panel(refined, scale, "One exposure, refined", "windowed Fourier filter and network"),
+        _depth_panel(filtered, scale, "One exposure", "windowed Fourier filter"),
+        _depth_panel(stepped, scale, f"{exposures} exposures", "phase shift and Gray code"),
+        Panel("Surface, refined", shaded_picture(refined.points.normals), "normals, lit from above"),
     ]
-    return compose(title, subtitle, [top, bottom])
+    errors = [
+        _error_panel(refined.points.depth - truth, "Error, refined"),
+        _error_panel(filtered.points.depth - truth, "Error, one exposure"),
+        _error_panel(stepped.points.depth - truth, f"Error, {exposures} exposures"),
+        _certainty_panel(refined),
+    ]
+    return compose(title, subtitle, [seen, depths, errors])
+
+
+def _error_panel(error: FloatMap, title: str) -> Panel:
+    scale = error_scale(ERROR_LIMIT_MM)
+    return Panel(title, scale.paint(error), _error_caption(error), scale)
+
+
+def _certainty_panel(reconstruction: Reconstruction) -> Panel:
+    """How sure the method was of the left view's phases; the points' confidence for one that does not tell."""
+    certainty = reconstruction.phases["left"].certainty
+    scale = share_scale()
+    if certainty is None:
+        points = reconstruction.points
+        return Panel(
+            "Confidence", scale.paint(np.where(points.valid, points.confidence, np.nan)), "of each point", scale
+        )
+    return Panel("Certainty", scale.paint(certainty.cpu().numpy()), "the network's own, of its phases", scale)
 
 
 def recorded_figure(title: str, subtitle: str, capture: Capture, reconstruction: Reconstruction) -> Picture:

@@ -82,6 +82,11 @@ def error_scale(limit_mm: float) -> ColourScale:
     return ColourScale(_error_table(), -limit_mm, limit_mm, "mm")
 
 
+def share_scale() -> ColourScale:
+    """Scale for shares of 0..1, as a certainty."""
+    return ColourScale(_opencv_table(cv2.COLORMAP_VIRIDIS), 0.0, 1.0, "")
+
+
 def grey_picture(image: npt.ArrayLike, white_level: float) -> Picture:
     """A camera image (H, W) of any depth as it would show on a screen."""
     share = np.clip(np.asarray(image, np.float64) / white_level, 0, 1)

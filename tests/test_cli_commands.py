@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +21,7 @@ from models.errors import ReconstructionError
 from models.geometry.device import Device
 from models.geometry.rig import Rig
 from models.patterns import make_plan
+from models.refiner.shipped import find_weights
 from service import process_pool
 
 Run = Callable[..., tuple[int, str, str]]
@@ -99,6 +101,39 @@ class TestReconstruct:
             told.append(json.loads(out))
         assert told[1]["z_mm"][1] == pytest.approx(2 * told[0]["z_mm"][1], rel=0.02)
         assert told[1]["matching"] == "stereo"
+
+    def test_the_refiner_names_its_weights(self, run: Run, capture: Path, tmp_path: Path) -> None:
+        shipped = find_weights()
+        arguments = ("reconstruct", capture, "--method", "refiner", "--output", tmp_path / "c.ply")
+        told = []
+        for named, name in (((), "sim"), (("--weights", "sim"), "sim"), (("--weights", shipped), str(shipped))):
+            status, out, _ = run(*arguments, *named, "--json")
+            assert status == 0
+            told.append(json.loads(out))
+            assert told[-1]["weights"]["name"] == name
+            assert told[-1]["weights"]["variant"] == "sim"
+        record = json.loads((shipped / "refiner.json").read_text())
+        assert {one["weights"]["sha256"] for one in told} == {record["sha256"]}
+        assert len({one["points"] for one in told}) == 1
+        status, out, _ = run(*arguments)
+        assert f"weights sim (sim, sha256 {record['sha256'][:12]})" in out
+        status, out, _ = run(*arguments[:3], "wft", *arguments[4:], "--json")
+        assert json.loads(out)["weights"] is None
+
+    def test_weights_that_do_not_serve_are_told_in_one_line(self, run: Run, capture: Path, tmp_path: Path) -> None:
+        other = tmp_path / "other"
+        shutil.copytree(find_weights(), other, copy_function=shutil.copyfile)
+        record = json.loads((other / "refiner.json").read_text())
+        (other / "refiner.json").write_text(json.dumps({**record, "periods": [8.0, 13.0]}))
+        arguments = ("reconstruct", capture, "--method", "refiner", "--output", tmp_path / "c.ply", "--weights")
+        for weights, reason in (
+            ("nobody", "'nobody' are neither a folder nor shipped; shipped are sim"),
+            (other, f"{other}: weights are for fringes of 8 and 13 columns, not 9 and 14"),
+        ):
+            status, out, err = run(*arguments, weights)
+            assert (status, out) == (1, "")
+            assert reason in err.splitlines()[-1]
+            assert not (tmp_path / "c.ply").exists()
 
     def test_a_damaged_capture_leaves_no_output(self, run: Run, capture: Path, tmp_path: Path) -> None:
         copy = tmp_path / "copy"
@@ -229,7 +264,18 @@ def test_demo_writes_what_it_says(run: Run, capture: Path, tmp_path: Path, monke
     told = json.loads(out)
     assert told["results"]["nstep"]["errors"]["order_accuracy"] > 85
     written = {p.name for p in (tmp_path / "demo").iterdir()}
-    assert {"capture", "nstep.ply", "wft.ply", "wft_stereo.ply", "wft.glb", "overview.png", "wft_depth.png"} <= written
+    assert list(told["results"]) == ["nstep", "wft_stereo", "wft", "refiner"]
+    assert told["results"]["refiner"]["weights"]["name"] == "sim"
+    assert told["results"]["wft"]["weights"] is None
+    expected = {"capture", "nstep.ply", "wft.ply", "wft_stereo.ply", "wft.glb", "overview.png", "wft_depth.png"}
+    expected |= {
+        "refiner.ply",
+        "refiner.glb",
+        "refiner_depth.png",
+        "refiner_surface.png",
+        "refiner_phase_low_right.png",
+    }
+    assert expected <= written
     overview = cv2.imread(str(tmp_path / "demo" / "overview.png"))
     assert overview.shape[1] > 1200
     assert len(np.unique(overview.reshape(-1, 3), axis=0)) > 500
