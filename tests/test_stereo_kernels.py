@@ -48,14 +48,18 @@ class Plane:
         return np.stack([wrapped(2 * np.pi / p * columns.astype(np.float64)) for p in periods]).astype(np.float32)
 
     def candidates(
-        self, periods: tuple[float, ...] = (9.0, 14.0), limit: int = 16, surplus: float = KEEP_ALL
+        self,
+        periods: tuple[float, ...] = (9.0, 14.0),
+        limit: int = 16,
+        surplus: float = KEEP_ALL,
+        direction: float = 1.0,
     ) -> Candidates:
         left, right = self.phases(self.column_l, periods), self.phases(self.column_r, periods)
         flat_l, flat_r = np.full(left.shape[1:], 0.5, np.float32), np.full(right.shape[1:], 0.5, np.float32)
         found = find_candidates(
             left, right, flat_l > 0, flat_r > 0, flat_l, flat_r, 0 * flat_l, 0 * flat_r,
             FRAME, UPRIGHT, np.array([400.0, 670.0]), NO_PROJECTOR, np.array(periods),
-            np.array([*SCALES, surplus]), limit,
+            np.array([*SCALES, surplus]), limit, direction,
         )  # fmt: skip
         return Candidates(*found)
 
@@ -78,6 +82,13 @@ class TestCandidates:
         found = plane.candidates()
         away = np.nanmin(np.abs(found.x_right - plane.x_right[..., None]), axis=2)
         assert away.max() < 0.01
+
+    def test_it_is_found_where_columns_fall_along_the_rows(self) -> None:
+        plane = Plane(rate=-1.1)
+        found = plane.candidates(direction=-1.0)
+        best = np.take_along_axis(found.x_right, found.cost.argmin(axis=2)[..., None], axis=2)[..., 0]
+        assert np.abs(best - plane.x_right).max() < 0.01
+        assert plane.candidates().count.max() == 0
 
     def test_they_are_one_fringe_apart_and_in_order(self) -> None:
         found = Plane(stretch=1.0, rate=1.1).candidates()

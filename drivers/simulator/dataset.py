@@ -12,6 +12,7 @@ from drivers.simulator.mesh_file import read_mesh
 from drivers.simulator.mix import mesh_scene, random_scene
 from drivers.simulator.rig import SimulatedRig
 from drivers.simulator.scene import Scene
+from drivers.simulator.variation import varied_rig, varied_surfaces
 from models.atomic import atomic_folder
 from models.capture import Capture, write_capture
 from models.dataset import RECORD_NAME, SAMPLES_NAME, Dataset, DatasetRecord, open_dataset, split_by_object
@@ -34,14 +35,19 @@ def render_sample(
     *,
     rig: SimulatedRig | Rig | None = None,
     meshes: Sequence[Path] = (),
+    varied: bool = False,
 ) -> Capture:
     """Sample ``index`` of the series ``seed``, which depends on nothing else than the rig, the plan and the meshes.
 
     rig: the reference rig by default. meshes: files to take objects from, in turn, instead of procedural ones
-    (MeshFileError where one is unreadable).
+    (MeshFileError where one is unreadable). varied: take another rig and other surfaces for each sample; the given
+    rig's threads alone count then.
     """
     simulated = _simulated(rig)
-    capture = simulated.render(_scene(seed, index, simulated, meshes), plan, (seed, index))
+    if varied:
+        simulated = replace(varied_rig(seed, index), threads=simulated.threads)
+    scene = _scene(seed, index, simulated, meshes)
+    capture = simulated.render(varied_surfaces(scene, seed, index) if varied else scene, plan, (seed, index))
     settings = {**capture.record.settings, "seed": seed, "index": index}
     return replace(capture, record=capture.record.model_copy(update={"id": sample_id(index), "settings": settings}))
 
@@ -72,14 +78,16 @@ def simulate_dataset(
     *,
     rig: SimulatedRig | Rig | None = None,
     meshes: Sequence[Path] = (),
+    varied: bool = False,
     workers: int = 1,
     progress: Progress | None = None,
 ) -> Dataset:
     """Render and write a dataset; the folder appears under its name only when it is complete.
 
-    output must not exist, its parent must (DuofringeError). meshes: see ``render_sample``; unreadable ones are told
-    before anything is rendered. workers: samples in flight at once. progress: called with (done, samples) in the
-    caller's thread. Object identities decide the splits: 70 / 15 / 15, disjoint; all in "test" below three objects.
+    output must not exist, its parent must (DuofringeError). meshes, varied: see ``render_sample``; unreadable meshes
+    are told before anything is rendered; varied samples have calibrations of their own. workers: samples in flight at
+    once. progress: called with (done, samples) in the caller's thread. Object identities decide the splits: 70 / 15 /
+    15, disjoint; all in "test" below three objects.
     """
     if samples < 1:
         raise DatasetError(f"a dataset needs at least one sample, not {samples}")
@@ -90,12 +98,13 @@ def simulate_dataset(
         read_mesh(path)
     if workers > 1:
         simulated = replace(simulated, threads=1)
-    simulated.prepare(plan)
+    if not varied:
+        simulated.prepare(plan)
     with atomic_folder(output) as partial:
         (partial / SAMPLES_NAME).mkdir()
 
         def make(index: int) -> str:
-            capture = render_sample(seed, index, plan, rig=simulated, meshes=meshes)
+            capture = render_sample(seed, index, plan, rig=simulated, meshes=meshes, varied=varied)
             write_capture(capture, partial / SAMPLES_NAME / sample_id(index))
             return capture.record.object_id or ""
 
@@ -112,10 +121,10 @@ def simulate_dataset(
                 raise
         record = DatasetRecord.model_validate(
             {
-                "calibration": simulated.rig.to_dict(),
+                "calibration": None if varied else simulated.rig.to_dict(),
                 "plan": plan,
                 "splits": split_by_object(object_of, seed),
-                "simulation": {"seed": seed, "samples": samples, "meshes": [p.name for p in meshes]},
+                "simulation": {"seed": seed, "samples": samples, "meshes": [p.name for p in meshes], "varied": varied},
             }
         )
         (partial / RECORD_NAME).write_text(record.to_json(), encoding="utf-8")

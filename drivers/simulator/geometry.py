@@ -35,14 +35,14 @@ def reference_rig(raster: RasterKind = "diamond", lens_shift: float = 0.0) -> Ri
     left = Device(
         CAMERA_SIZE, _matrix(1000, 1000, 321.3, 238.4), np.array([-0.1, 0.015, 2e-4, -1e-4, 0.0]), name="left"
     )
-    right = _placed(
+    right = placed(
         CAMERA_SIZE,
         _matrix(1000, 1000, 317.8, 241.9),
         np.array([-0.103, 0.018, -1e-4, 2e-4, 0.0]),
         RIGHT_CENTRE_MM,
         "right",
     )
-    projector = _placed(
+    projector = placed(
         RASTER_SIZE,
         _matrix(fx, fy, *principal),
         np.array([-0.03, 0.0, 0.0, 0.0, 0.0]),
@@ -63,16 +63,17 @@ def _matrix(fx: float, fy: float, cx: float, cy: float) -> FloatArray:
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)
 
 
-def _placed(
+def placed(
     size: tuple[int, int],
     matrix: FloatArray,
     distortion: FloatArray,
     centre: tuple[float, float, float],
     name: str,
     aim: FloatArray | None = None,
+    meeting_point: tuple[float, float, float] = MEETING_POINT_MM,
 ) -> Device:
     """A device without roll whose direction ``aim`` (in its own frame, x = 0; default its axis) meets the point."""
-    forward = np.array(MEETING_POINT_MM) - np.array(centre)
+    forward = np.array(meeting_point) - np.array(centre)
     forward /= np.linalg.norm(forward)
     across = np.cross([0.0, 1.0, 0.0], forward)
     across /= np.linalg.norm(across)

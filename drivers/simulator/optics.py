@@ -27,12 +27,14 @@ class Optics:
 
     footprint: sub-samples along each side of a camera pixel. psf_px: sigma of the cameras' blur, pixels.
     defocus_columns: sigma of the projector's blur on the DMD, columns. contrast: white over black of the projector.
+    gamma: exponent of the projector's response; a DMD that shows bit planes is linear, 1.
     """
 
     footprint: int = 2
     psf_px: float = 0.4
     defocus_columns: float = 0.7
     contrast: float = 600.0
+    gamma: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +90,7 @@ def profile_of(
 def light_share(levels: npt.NDArray[Any], optics: Optics) -> npt.NDArray[np.float64]:
     """Share of full white that leaves a mirror at ``levels``, 0..255: black is not quite dark."""
     leak = 1.0 / optics.contrast
-    return np.asarray(levels / 255 * (1 - leak) + leak, np.float64)
+    return np.asarray((levels / 255) ** optics.gamma * (1 - leak) + leak, np.float64)
 
 
 def _mirror_kernel(steps: int, sigma: float, *, triangle: bool) -> npt.NDArray[np.float64]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -62,6 +62,15 @@ class Rig:
     @property
     def cameras(self) -> dict[Side, Device]:
         return {"left": self.left, "right": self.right}
+
+    @cached_property
+    def from_the_right(self) -> Rig:
+        """The same rig in the right camera's frame, where it stands as the left one and the left one as the right."""
+        right = self.right
+        turned = {device: _in_frame_of(right, device) for device in (self.left, self.projector) if device is not None}
+        projector = None if self.projector is None else turned[self.projector]
+        first = replace(right, rotation=np.eye(3), translation=np.zeros(3), name="left")
+        return Rig(first, replace(turned[self.left], name="right"), projector, self.raster, dict(self.quality))
 
     @cached_property
     def working_depths(self) -> tuple[float, float]:
@@ -148,6 +157,12 @@ class Rig:
     def to_file(self, path: Path | str) -> None:
         """Write ``calibration.json`` atomically; the folder must exist."""
         write_text_atomically(Path(path), json.dumps(self.to_dict(), indent=2) + "\n")
+
+
+def _in_frame_of(frame: Device, device: Device) -> Device:
+    """``device`` as seen by a world whose origin and axes are those of ``frame``."""
+    rotation = device.rotation @ frame.rotation.T
+    return replace(device, rotation=rotation, translation=device.translation - rotation @ frame.translation)
 
 
 def _device_to_dict(device: Device, *, posed: bool) -> dict[str, Any]:

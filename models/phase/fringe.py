@@ -23,7 +23,9 @@ class FringePhase:
     must not be used, else VALID. periods: fringe period of each carrier in projector columns. misfit: float32 (H, W),
     rms of what fringes and texture leave unexplained in the image nearby, as a share of the fringes' rms: near 0 on
     smooth surfaces, large at edges that the method smears over; None for methods that do not smear. column: float32
-    (H, W), absolute projector column u where Gray planes tell it, NaN elsewhere; None without them.
+    (H, W), absolute projector column u where Gray planes tell it, NaN elsewhere; None without them. certainty: float32
+    (H, W), 0..1, mean resultant length that a method foretells for its phase: 1 where it is sure, 0 where any phase is
+    as likely; its misfit is then the circular standard deviation sqrt(-2 ln certainty), rad. None for other methods.
     """
 
     carriers: torch.Tensor
@@ -32,6 +34,7 @@ class FringePhase:
     periods: tuple[float, ...]
     misfit: torch.Tensor | None = None
     column: torch.Tensor | None = None
+    certainty: torch.Tensor | None = None
 
     @property
     def wrapped(self) -> torch.Tensor:

@@ -24,12 +24,25 @@ class MaskSettings:
 
     minimum_modulation: share of full scale below which a phase is noise. largest_misfit: ``FringePhase.misfit`` above
     which a pixel carries no phase. darkest: share of the brightness that texture and fringes predict within a fringe,
-    below which a pixel is unlit: a window smears fringes over the dark beside an object.
+    below which a pixel is unlit: a window smears fringes over the dark beside an object. least_certainty: below which a
+    method that tells its certainty gives no phase; it then needs neither misfit nor brightness.
     """
 
     minimum_modulation: float = 0.001
     largest_misfit: float = 4.0
     darkest: float = 0.35
+    least_certainty: float = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """One view before it is judged. carriers: complex64 (C, H, W), phase growing along x. texture: float32 (H, W).
+    certainty: float32 (H, W), of a method that foretells its own errors (``FringePhase.certainty``), else None.
+    """
+
+    carriers: torch.Tensor
+    texture: torch.Tensor
+    certainty: torch.Tensor | None = None
 
 
 class SingleExposure(ABC):
@@ -71,13 +84,18 @@ class SingleExposure(ABC):
         phases = {}
         for side in capture.sides:
             image = torch.from_numpy(capture.stack(side, "composite")).to(self.device)
-            field = self._field(side, image[0], pattern.periods)
-            # One view at a time: background, borders and banks follow the view's own fringes.
-            carriers, texture = self.separate_views(image, [field], pattern.periods)
-            phases[side] = self._phase(image[0], field, carriers[0], texture[0], pattern.periods, pattern.phase_offsets)
+            field = self.field(side, image[0], pattern.periods)
+            estimate = self.estimate(image, field, pattern.periods)
+            phases[side] = self._phase(image[0], field, estimate, pattern.periods, pattern.phase_offsets)
         return phases
 
-    def _field(self, side: Side, image: torch.Tensor, periods: tuple[float, ...]) -> FringeField:
+    def estimate(self, image: torch.Tensor, field: FringeField, periods: tuple[float, ...]) -> Estimate:
+        """Of one view (1, H, W): background, borders and banks follow the view's own fringes."""
+        carriers, texture = self.separate_views(image, [field], periods)
+        return Estimate(carriers[0], texture[0])
+
+    def field(self, side: Side, image: torch.Tensor, periods: tuple[float, ...]) -> FringeField:
+        """Where a view's fringes lie in its spectrum: by the calibration, else by the peaks of the image (H, W)."""
         if self.rig is not None:
             field = _rig_field(self.rig, side, self.depth_range or self.rig.working_depths)
             if field is not None:
@@ -88,22 +106,26 @@ class SingleExposure(ABC):
         self,
         image: torch.Tensor,
         field: FringeField,
-        carriers: torch.Tensor,
-        texture: torch.Tensor,
+        estimate: Estimate,
         periods: tuple[float, ...],
         offsets: tuple[float, ...],
     ) -> FringePhase:
         rules = self.masking
+        carriers, texture, certainty = estimate.carriers, estimate.texture, estimate.certainty
         oriented = carriers if field.sign > 0 else carriers.conj().resolve_conj()
         turn = torch.polar(torch.ones(len(offsets)), torch.tensor(offsets)).to(self.device)
         mask = torch.zeros(image.shape, dtype=torch.uint8, device=self.device)
         mask[(carriers.abs() < rules.minimum_modulation).any(dim=0)] = Reason.LOW_MODULATION
-        misfit = _misfit(image, carriers, texture)
-        brightest = _brightest_nearby(image, fringe_px(field, max(periods)))
-        mask[brightest < rules.darkest * (texture + carriers.abs().sum(dim=0))] = Reason.UNLIT
-        mask[misfit > rules.largest_misfit] = Reason.LOW_MODULATION
+        if certainty is None:
+            misfit = misfit_of(image, carriers, texture)
+            brightest = _brightest_nearby(image, fringe_px(field, max(periods)))
+            mask[brightest < rules.darkest * (texture + carriers.abs().sum(dim=0))] = Reason.UNLIT
+            mask[misfit > rules.largest_misfit] = Reason.LOW_MODULATION
+        else:
+            misfit = (-2 * certainty.clamp(1e-4, 1).log()).sqrt()
+            mask[certainty < rules.least_certainty] = Reason.LOW_MODULATION
         mask[image >= SATURATION] = Reason.SATURATED
-        return FringePhase(oriented * turn[:, None, None], texture, mask, periods, misfit)
+        return FringePhase(oriented * turn[:, None, None], texture, mask, periods, misfit, certainty=certainty)
 
 
 def fringe_px(field: FringeField, period: float) -> float:
@@ -122,7 +144,7 @@ def _brightest_nearby(image: torch.Tensor, length: float) -> torch.Tensor:
     return torch.nn.functional.max_pool2d(image[None, None], (1, 2 * half + 1), stride=1, padding=(0, half))[0, 0]
 
 
-def _misfit(image: torch.Tensor, carriers: torch.Tensor, texture: torch.Tensor) -> torch.Tensor:
+def misfit_of(image: torch.Tensor, carriers: torch.Tensor, texture: torch.Tensor) -> torch.Tensor:
     """See ``FringePhase.misfit``; means over 5x5 pixels."""
     unexplained = (image - texture - carriers.real.sum(dim=0)) ** 2
     expected = 0.5 * (carriers.abs() ** 2).sum(dim=0)

@@ -6,6 +6,7 @@ from models.refiner.fields import RefinedPhase, RefinerInput
 from models.refiner.loss_configuration import ABLATIONS, LossConfiguration
 from models.refiner.losses import Loss, Observation, lit_pixels, total_loss
 from models.refiner.network import Refiner
+from models.refiner.shipped import find_weights, shipped_names
 from models.refiner.weights import Variant, WeightsRecord, load_weights, save_weights
 
 __all__ = [
@@ -20,8 +21,10 @@ __all__ = [
     "RefinerInput",
     "Variant",
     "WeightsRecord",
+    "find_weights",
     "lit_pixels",
     "load_weights",
     "save_weights",
+    "shipped_names",
     "total_loss",
 ]

@@ -30,7 +30,7 @@ class RefinerConfiguration(BaseModel):
     head_widths: Annotated[tuple[Width, ...], Field(min_length=1, max_length=4)] = (32, 48, 64)
     attention_heads: Annotated[int, Field(ge=1, le=16)] = 4
     position_strength: Annotated[float, Field(ge=0, le=10)] = 0.1
-    skips: Literal["image", "image+guidance"] = "image"
+    skips: Literal["image", "image+guidance"] = "image+guidance"
     largest_log_change: Annotated[float, Field(gt=0, le=10)] = 4.0
 
     @model_validator(mode="after")

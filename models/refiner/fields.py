@@ -40,10 +40,19 @@ class RefinedPhase:
     """Refined carriers, complex64 (B, 2, H, W), and their modulus, float32 (B, 2, H, W), shares of the white level.
 
     The carriers are modulus times a unit phasor. Where the input had no modulation at all the phasor may be shorter.
+    length: float32 (B, 2, H, W), of the phasor before it was projected on the unit circle. A network that was trained
+    to foretell phasors (``phasor_loss``) makes it the certainty of the phase: 1 when sure, 0 where there is none.
     """
 
     carriers: torch.Tensor
     modulus: torch.Tensor
+    length: torch.Tensor
+
+    @classmethod
+    def of(cls, carriers: torch.Tensor) -> RefinedPhase:
+        """Carriers that nobody refined."""
+        modulus = carriers.abs()
+        return cls(carriers, modulus, torch.ones_like(modulus))
 
 
 def _described(tensor: torch.Tensor) -> str:

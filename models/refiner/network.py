@@ -9,6 +9,7 @@ from models.refiner.attention import CrossAttention
 from models.refiner.blocks import SLOPE, Decoder, Encoder
 from models.refiner.configuration import RefinerConfiguration
 from models.refiner.fields import RefinedPhase, RefinerInput
+from models.refiner.local_contrast import locally_normalised
 from models.refiner.padding import padded
 
 MODULUS_EPSILON = 1e-12
@@ -34,7 +35,7 @@ class Refiner(nn.Module):
         if chosen.skips == "image+guidance":
             skips = tuple(a + b for a, b in zip(skips, chosen.guidance_widths[:-1], strict=True))
         with torch.random.fork_rng(devices=[]):
-            self.image_encoder = Encoder(cell, chosen.image_widths)
+            self.image_encoder = Encoder(2 * cell, chosen.image_widths)
             self.phase_encoder = Encoder(4 * cell, chosen.guidance_widths)
             self.modulus_encoder = Encoder(2 * cell, chosen.guidance_widths)
             self.phase_projection = nn.Conv2d(chosen.guidance_widths[-1], bottleneck, 1)
@@ -53,17 +54,18 @@ class Refiner(nn.Module):
         unit = torch.view_as_real(observed.carriers / modulus).movedim(-1, 2)  # (B, 2 carriers, cos and sin, H, W)
         phase_change, modulus_change = self._changes(observed.image, unit.flatten(1, 2), modulus)
         moved = unit + phase_change[..., :height, :width].reshape(unit.shape)
-        unit = moved / (moved.square().sum(dim=2, keepdim=True) + UNIT_EPSILON).sqrt()
+        length = (moved.square().sum(dim=2, keepdim=True) + UNIT_EPSILON).sqrt()
+        unit = moved / length
         # Not eq:modulus_update, whose sigmoid changes a modulus that needs no change.
         bound = self.configuration.largest_log_change
         modulus = modulus * (bound * torch.tanh(modulus_change[..., :height, :width] / bound)).exp()
-        return RefinedPhase(torch.complex(modulus * unit[:, :, 0], modulus * unit[:, :, 1]), modulus)
+        return RefinedPhase(torch.complex(modulus * unit[:, :, 0], modulus * unit[:, :, 1]), modulus, length[:, :, 0])
 
     def _changes(
         self, image: torch.Tensor, phases: torch.Tensor, moduli: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """dP (B, 4, ...) and dM (B, 2, ...) on the padded grid."""
-        seen = self.image_encoder(self._cells(image))
+        seen = self.image_encoder(self._cells(torch.cat([image, locally_normalised(image)], dim=1)))
         phase = self.phase_encoder(self._cells(phases))
         modulus = self.modulus_encoder(self._cells(_MODULUS_GAIN * moduli))
         fused_phase = self.phase_attention(seen[-1], self.phase_projection(phase[-1]))

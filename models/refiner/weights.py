@@ -30,7 +30,8 @@ Variant = Literal["label-free", "sim", "sim+adapt"]
 
 class WeightsRecord(BaseModel):
     """``refiner.json``. periods: of the high and the low carrier, projector columns. training: whatever the training
-    wants remembered (split, steps, losses, seeds). sha256: of ``refiner.safetensors``.
+    wants remembered (split, steps, losses, seeds). foretells_certainty: whether the lengths of its phasors tell how
+    sure it is (``phasor_loss``). sha256: of ``refiner.safetensors``.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True, allow_inf_nan=False)
@@ -40,7 +41,16 @@ class WeightsRecord(BaseModel):
     periods: tuple[Annotated[float, Field(gt=1)], Annotated[float, Field(gt=1)]]
     variant: Variant
     training: dict[str, JsonValue] = Field(default_factory=dict)
+    foretells_certainty: bool = False
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+    def require_periods(self, periods: tuple[float, ...], folder: Path) -> None:
+        """Raise RefinerError unless the weights are for fringes of these periods."""
+        if tuple(periods) != self.periods:
+            raise RefinerError(
+                f"{folder}: weights are for fringes of {_columns(self.periods)} columns, not {_columns(periods)}; "
+                "choose weights trained with the capture's periods, or adapt these: duofringe train CAPTURES --adapt"
+            )
 
     def to_json(self) -> str:
         return self.model_dump_json(by_alias=True, indent=2) + "\n"
@@ -52,6 +62,8 @@ def save_weights(
     periods: tuple[float, float],
     variant: Variant,
     training: dict[str, Any] | None = None,
+    *,
+    foretells_certainty: bool = False,
 ) -> WeightsRecord:
     """Write a new folder, whole or not at all, and return its record.
 
@@ -67,6 +79,7 @@ def save_weights(
             periods=periods,
             variant=variant,
             training=training or {},
+            foretells_certainty=foretells_certainty,
             sha256=hashlib.sha256(content).hexdigest(),
         )
     except ValidationError as error:
@@ -84,11 +97,8 @@ def load_weights(folder: Path, periods: tuple[float, ...] | None = None) -> tupl
     another version, not of this network, or trained for other periods.
     """
     record = _read_record(folder / RECORD_NAME)
-    if periods is not None and tuple(periods) != record.periods:
-        raise RefinerError(
-            f"{folder}: weights are for fringes of {_columns(record.periods)} columns, not {_columns(periods)}; "
-            "choose weights trained with the capture's periods"
-        )
+    if periods is not None:
+        record.require_periods(periods, folder)
     path = folder / TENSORS_NAME
     content = _read(path, LARGEST_TENSORS)
     if hashlib.sha256(content).hexdigest() != record.sha256:

@@ -19,10 +19,12 @@ _STEEPEST = 4.2
 
 
 @numba.njit(cache=True, parallel=True)
-def match_columns(column_l, column_r, usable_l, usable_r, frame, turn, depth_range, projector):  # type: ignore[no-untyped-def]
+def match_columns(  # type: ignore[no-untyped-def]
+    column_l, column_r, usable_l, usable_r, frame, turn, depth_range, projector, direction=1.0
+):
     """Right canvas column for every left canvas pixel, and the reason where there is none.
 
-    column_l, column_r: float32 (h, w) projector columns. frame, turn, depth_range and projector as in
+    column_l, column_r: float32 (h, w) projector columns. frame, turn, depth_range, projector and direction as in
     ``find_candidates``. Returns x_right float32 (h, w), NaN where unmatched, and reason uint8 (h, w): NO_MATCH, or
     AMBIGUOUS where two crossings lie more than a pixel apart and no projector tells them apart.
     """
@@ -44,8 +46,8 @@ def match_columns(column_l, column_r, usable_l, usable_r, frame, turn, depth_ran
             for j in range(start, stop + 1):
                 if not (usable_r[y, j] and usable_r[y, j + 1]):
                     continue
-                behind = column_r[y, j] - u
-                ahead = column_r[y, j + 1] - u
+                behind = direction * (column_r[y, j] - u)
+                ahead = direction * (column_r[y, j + 1] - u)
                 if behind > 0 or ahead <= 0 or ahead - behind > _STEEPEST:
                     continue
                 right = j - behind / (ahead - behind)

@@ -135,12 +135,13 @@ def find_candidates(  # type: ignore[no-untyped-def]
     periods,
     scales,
     limit,
+    direction=1.0,
 ):
     """Candidates of all left pixels; arrays as in ``RectifiedView``.
 
     frame: (focal, baseline, cx_left, cx_right, cy, canvas rows from one array row to the next). turn: (3, 3), from the
     rectified to the left-camera frame. projector: vector of ``pack_projection`` or empty without a projector.
-    periods: fringe periods (C,).
+    periods: fringe periods (C,). direction: 1.0 where phases grow along the rows, -1.0 where they fall.
     scales: (low, high, projector_low, texture, misfit, surplus). Returns x_right, cost (h, w, limit) and count (h, w).
     """
     carriers, height, width = phase_l.shape
@@ -155,7 +156,7 @@ def find_candidates(  # type: ignore[no-untyped-def]
         down = (y * row_step - cy) / focal
         slope = np.empty(right_width, np.float32)
         for j in range(right_width - 1):
-            step = wrap(phase_r[0, y, j + 1] - phase_r[0, y, j])
+            step = direction * wrap(phase_r[0, y, j + 1] - phase_r[0, y, j])
             good = usable_r[y, j] and usable_r[y, j + 1] and step > 0.05 and step < _STEEPEST
             slope[j] = step if good else 0.0
         ray = np.zeros(3)
@@ -172,7 +173,7 @@ def find_candidates(  # type: ignore[no-untyped-def]
             for j in range(start, stop + 1):
                 if slope[j] == 0.0:
                     continue
-                behind = wrap(phase_r[0, y, j] - phase)
+                behind = direction * wrap(phase_r[0, y, j] - phase)
                 if behind > 0 or behind + slope[j] <= 0:
                     continue
                 t = -behind / slope[j]

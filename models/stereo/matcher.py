@@ -100,6 +100,7 @@ class PhaseMatcher:
         found = find_candidates(
             left.phase, right.phase, left.usable, right.usable, left.texture, right.texture,
             left.misfit, right.misfit, frame, turn, np.array(depth_range), projector, np.array(periods), scales, limit,
+            right.direction,
         )  # fmt: skip
         return Candidates(*found)
 
@@ -136,8 +137,9 @@ def _match_absolute(
     assert right.column is not None
     frame, turn = kernel_frame(rectification)
     x_right, reason = match_columns(
-        left.column, right.column, left.usable, right.usable, frame, turn, np.array(depth_range), projector
-    )
+        left.column, right.column, left.usable, right.usable, frame, turn, np.array(depth_range), projector,
+        right.direction,
+    )  # fmt: skip
     nothing = np.zeros(x_right.shape, np.float32)
     return CanvasMatches(x_right, reason, nothing, np.full_like(nothing, np.inf), right)
 
@@ -154,10 +156,8 @@ def kernel_frame(
 def _most_candidates(right: RectifiedView, rectification: Rectification, depth_range: tuple[float, float]) -> int:
     """How many fringes fit into the search range, with room for steep ones."""
     span = rectification.focal * rectification.baseline * (1 / depth_range[0] - 1 / depth_range[1])
-    steps = np.diff(right.phase[0], axis=1)
-    steps = (steps + np.pi) % (2 * np.pi) - np.pi
-    seen = steps[right.usable[:, 1:] & right.usable[:, :-1]]
-    if seen.size == 0:
+    steps = right.phase_steps()
+    if steps.size == 0:
         return 1
-    fastest = max(float(np.percentile(seen, 90)), 0.05)
+    fastest = max(float(np.percentile(right.direction * steps, 90)), 0.05)
     return int(np.ceil(1.25 * span * fastest / (2 * np.pi))) + 2

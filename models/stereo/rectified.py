@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +35,18 @@ class RectifiedView:
     misfit: Float32Array
     usable: npt.NDArray[np.bool_]
     column: Float32Array | None
+
+    def phase_steps(self) -> Float32Array:
+        """Wrapped differences (n,) of the high phase between all pairs of usable neighbours along the rows, rad."""
+        steps = np.diff(self.phase[0], axis=1)
+        steps = (steps + np.pi) % (2 * np.pi) - np.pi
+        return np.asarray(steps[self.usable[:, 1:] & self.usable[:, :-1]], np.float32)
+
+    @cached_property
+    def direction(self) -> float:
+        """1.0 where the projector's columns grow along the baseline, -1.0 where they fall: it may stand on its head."""
+        steps = self.phase_steps()
+        return -1.0 if steps.size and float(np.median(steps)) < 0 else 1.0
 
     def every(self, row_step: int) -> RectifiedView:
         """The same view with only every ``row_step``-th row."""

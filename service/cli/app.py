@@ -23,6 +23,7 @@ from service.cli.projector import register as register_projector
 from service.cli.reconstruct import register as register_reconstruct
 from service.cli.serve import register as register_serve
 from service.cli.simulate import register as register_simulate
+from service.cli.train import register as register_train
 
 FAILED = 1
 _DEBUG = "--debug"
@@ -52,6 +53,7 @@ for register in (
     register_reconstruct,
     register_evaluate,
     register_simulate,
+    register_train,
     register_import,
     register_patterns,
     register_projector,

@@ -28,6 +28,9 @@ def command(
     ] = None,
     bits: Annotated[Literal["8", "12"], typer.Option(help="Bit depth of the cameras.")] = "8",
     raster: Annotated[RasterChoice, typer.Option(help="Mirrors of the projector.")] = "diamond",
+    varied: Annotated[
+        bool, typer.Option("--varied", help="Another rig, light and surfaces in each sample, to train a refiner on.")
+    ] = False,
     workers: Workers = 1,
     json: Json = False,
 ) -> None:
@@ -50,6 +53,7 @@ def command(
             chosen,
             rig=simulated,
             meshes=mesh or [],
+            varied=varied,
             workers=workers,
             progress=lambda done, total: report(f"{done} of {total} samples", done / total),
         )
