@@ -24,16 +24,20 @@ from service.acquisition.watch import RigWatch
 from service.authentication import authenticate
 from service.compute import ComputeLane
 from service.context import Service
+from service.jobs.jobs import Jobs
 from service.library import Library, LibraryLimits
 from service.routes import (
     capture_and_reconstruct,
     capture_import,
     captures,
+    evaluations,
     health,
+    jobs,
     preview,
     problem_types,
     reconstructions,
     rig,
+    trainings,
 )
 from service.routes.documented import ANY_ERROR
 from service.routes.media_type import require_json
@@ -46,11 +50,11 @@ _DESCRIPTION = (
     "Captures of a stereo-camera and projector rig, and their reconstruction. Lengths in mm, left-camera frame "
     "(x right, y down, z forward); phases in radians; exposures in microseconds; images (height, width)."
 )
-_ROUTERS = (health, rig, preview, captures, reconstructions, capture_and_reconstruct)
+_ROUTERS = (health, rig, preview, captures, reconstructions, capture_and_reconstruct, trainings, evaluations, jobs)
 
 
 def open_service(settings: ServiceSettings) -> Service:
-    """Library, devices (not yet opened) and compute lane. Raises DuofringeError in one line where one is unusable."""
+    """Library, devices (not yet opened), compute lane, jobs. Raises DuofringeError in one line if one is unusable."""
     devices = make_devices(settings.rig)
     for warning in devices.warnings:
         logger.warning("%s", warning)
@@ -62,7 +66,8 @@ def open_service(settings: ServiceSettings) -> Service:
     orchestrator = Orchestrator(devices, settings.acquisition)
     compute = ComputeLane()
     weights = WeightsShelf(settings.library.weights, compute)
-    return Service(settings, orchestrator, library, compute, weights, RigWatch(orchestrator))
+    opened_jobs = Jobs.open(library, weights, settings.library.datasets)
+    return Service(settings, orchestrator, library, compute, weights, RigWatch(orchestrator), opened_jobs)
 
 
 def create_app(service: Service) -> FastAPI:

@@ -10,6 +10,7 @@ from fastapi import Depends, Request
 from service.acquisition.orchestrator import Orchestrator
 from service.acquisition.watch import RigWatch
 from service.compute import ComputeLane
+from service.jobs.jobs import Jobs
 from service.library import Library
 from service.settings import ServiceSettings
 from service.weights import WeightsShelf
@@ -17,7 +18,7 @@ from service.weights import WeightsShelf
 
 @dataclass(frozen=True, eq=False)
 class Service:
-    """One rig and who looks after it, one library, one compute lane, and the refiner's weights."""
+    """One rig and who looks after it, one library, one compute lane, the refiner's weights, and the jobs."""
 
     settings: ServiceSettings
     orchestrator: Orchestrator
@@ -25,11 +26,13 @@ class Service:
     compute: ComputeLane
     weights: WeightsShelf
     watch: RigWatch
+    jobs: Jobs
 
     def close(self) -> None:
-        """Leave the rig safe first, then finish what computes, then let go of the library."""
+        """Leave the rig safe first, interrupt the jobs, finish what computes, then let go of the library."""
         self.watch.close()
         self.orchestrator.close()
+        self.jobs.close()
         self.compute.close()
         self.library.close()
 

@@ -20,7 +20,7 @@ from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
 from drivers.errors import DeviceConfigurationError, DriverError, SequenceInvalidError
-from models.errors import CalibrationError, CaptureError, DuofringeError, ReconstructionError
+from models.errors import CalibrationError, CaptureError, DatasetError, DuofringeError, ReconstructionError
 from models.refiner.errors import RefinerError
 from service.acquisition.cancellation import CaptureCancelledError
 from service.acquisition.lock import RigBusyError
@@ -29,6 +29,7 @@ from service.acquisition.outcome import SequenceRefusedError
 from service.acquisition.plans import PlanError
 from service.compute import ComputeBusyError
 from service.idempotency import KeyInProgressError, KeyMismatchError
+from service.jobs.errors import JobsFullError, JobStateError, WeightsTakenError
 from service.library.errors import (
     ArchiveError,
     CursorError,
@@ -143,6 +144,19 @@ _BY_EXCEPTION: Mapping[type[DuofringeError], ProblemType] = {
         422,
         "The capture was stored but gave no cloud",
         "Look at the capture that 'capture' names; reconstruct it with other options.",
+    ),
+    DatasetError: ProblemType(
+        "dataset-unusable",
+        422,
+        "The dataset does not serve",
+        "Name a folder of the service's datasets folder, and a split that it has.",
+    ),
+    JobsFullError: ProblemType("jobs-full", 429, "Too many jobs wait", "Ask again after Retry-After seconds."),
+    JobStateError: ProblemType(
+        "job-state", 409, "The job's state does not allow it", "Look at the job's 'state' and 'links'."
+    ),
+    WeightsTakenError: ProblemType(
+        "weights-exist", 409, "The weights' name is taken", "Give the new weights another name."
     ),
     RefinerError: ProblemType(
         "weights-unusable",

@@ -30,6 +30,7 @@ MEBIBYTE = 1 << 20
 _PATHS = (
     ("library", "folder"),
     ("library", "weights_folder"),
+    ("library", "datasets_folder"),
     ("rig", "replay"),
     ("rig", "calibration"),
     ("rig", "projector", "manifest"),
@@ -66,6 +67,7 @@ class LibrarySettings(BaseModel):
     """folder: where captures and reconstructions are kept. minimum_free_bytes: below this nothing more is written.
 
     weights_folder: holds folders of the refiner's weights, which requests may name; None for ``weights`` in ``folder``.
+    datasets_folder: likewise of datasets, to train on and to evaluate with; None for ``datasets`` in ``folder``.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -73,11 +75,17 @@ class LibrarySettings(BaseModel):
     folder: Path = Path("duofringe-library")
     minimum_free_bytes: int = Field(512 * MEBIBYTE, ge=0)
     weights_folder: Path | None = None
+    datasets_folder: Path | None = None
 
     @property
     def weights(self) -> Path:
         """The weights folder, which need not exist."""
         return self.weights_folder or self.folder / "weights"
+
+    @property
+    def datasets(self) -> Path:
+        """The datasets folder, which need not exist."""
+        return self.datasets_folder or self.folder / "datasets"
 
 
 class ServiceSettings(BaseSettings):

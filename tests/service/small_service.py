@@ -22,6 +22,7 @@ from service.acquisition.watch import RigWatch
 from service.app import create_app
 from service.compute import ComputeLane
 from service.context import Service
+from service.jobs.jobs import Jobs
 from service.library import Library, LibraryLimits
 from service.settings import ServiceSettings
 from service.weights import WeightsShelf
@@ -65,7 +66,8 @@ def small_service(
     orchestrator = Orchestrator(devices, configured.acquisition)
     compute = ComputeLane()
     shelf = WeightsShelf(configured.library.weights, compute)
-    service = Service(configured, orchestrator, opened, compute, shelf, RigWatch(orchestrator))
+    jobs = Jobs.open(opened, shelf, configured.library.datasets)
+    service = Service(configured, orchestrator, opened, compute, shelf, RigWatch(orchestrator), jobs)
     app = create_app(service)
     warm_up = patch("service.app.warm_up")
     with warm_up, TestClient(app, base_url="http://localhost", raise_server_exceptions=False) as client:
