@@ -58,15 +58,19 @@ def open_service(settings: ServiceSettings) -> Service:
     devices = make_devices(settings.rig)
     for warning in devices.warnings:
         logger.warning("%s", warning)
+    compute = ComputeLane()
+    weights = WeightsShelf(settings.library.weights, compute)
     try:
         library = Library.open(settings.library.folder, LibraryLimits(settings.library.minimum_free_bytes))
+        try:
+            opened_jobs = Jobs.open(library, weights, settings.library.datasets)
+        except BaseException:
+            library.close()
+            raise
     except BaseException:
         devices.release()
         raise
     orchestrator = Orchestrator(devices, settings.acquisition)
-    compute = ComputeLane()
-    weights = WeightsShelf(settings.library.weights, compute)
-    opened_jobs = Jobs.open(library, weights, settings.library.datasets)
     return Service(settings, orchestrator, library, compute, weights, RigWatch(orchestrator), opened_jobs)
 
 

@@ -1,4 +1,4 @@
-"""A job's own process: ``python -m service.jobs.child``, with its order as one line on standard input.
+"""A job's own process, with its order as one line on standard input.
 
 It ends when its standard input does, so it never outlives the service, however that ends. Signals that a terminal or a
 service manager sends to all processes at once are left to the service.
@@ -11,9 +11,10 @@ import signal
 import sys
 import threading
 import traceback
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
-from pydantic import BaseModel
+if TYPE_CHECKING:  # what takes long to load waits until signals are ignored
+    from pydantic import BaseModel
 
 _NICENESS = 10
 
@@ -66,7 +67,3 @@ def _line(text: str) -> str:
 def _tell(messages: BinaryIO, message: BaseModel) -> None:
     messages.write(message.model_dump_json().encode("utf-8", "replace") + b"\n")
     messages.flush()
-
-
-if __name__ == "__main__":
-    main()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+_LEAST_SHARE = 1e-9
+
 
 class Estimate:
     """Fed with the share done and the time; begins anew where the share falls, for that is another stage."""
@@ -16,6 +18,6 @@ class Estimate:
             self._begun = (share, now_s)
         self._last = share
         grown, spent = share - self._begun[0], now_s - self._begun[1]
-        if grown <= 0 or spent <= 0:
+        if grown < _LEAST_SHARE or spent <= 0:
             return None
         return round(spent * (1 - share) / grown, 1)

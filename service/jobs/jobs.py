@@ -13,8 +13,7 @@ from service.jobs.requests import EvaluationJobRequest, JobRequest, TrainingJobR
 from service.jobs.sources import Sources
 from service.jobs.store import KIND, JobStore
 from service.jobs.work import EVALUATION_NAME, WEIGHTS_NAME
-from service.library import DamagedError, Library, NotFoundError, Page
-from service.library.disk import sweep
+from service.library import DamagedError, Library, LibraryError, NotFoundError, Page
 from service.weights import WeightsShelf
 
 FOLDER_NAME = "jobs"
@@ -30,12 +29,14 @@ class Jobs:
     def open(cls, library: Library, weights: WeightsShelf, datasets: Path, *, longest_queue: int = 16) -> Jobs:
         """The jobs of a library. What an earlier service left unfinished is interrupted from now on.
 
-        datasets: folder of datasets that requests may name. longest_queue: how many may wait.
+        datasets: folder of datasets that requests may name. longest_queue: how many may wait. Raises LibraryError.
         """
-        store = JobStore(library.root / FOLDER_NAME)
+        folder = library.root / FOLDER_NAME
+        try:
+            store = JobStore(folder)
+        except OSError as error:
+            raise LibraryError(f"jobs '{folder}' cannot be opened: {error.strerror or error}") from error
         interrupt_unfinished(store)
-        if weights.folder.is_dir():
-            sweep(weights.folder)
         sources = Sources(library, weights, datasets)
         return cls(library, store, sources, JobLane(store, sources, longest_queue))
 

@@ -212,6 +212,7 @@ class JobLane:
         return record
 
     def _end(self, id: str, state: JobState, **changed: Any) -> JobRecord:
+        logger.info("job %s is %s", id, state)
         return self._store.change(id, state=state, ended=datetime.now(UTC), remaining_s=None, **changed)
 
     def _fail(self, id: str, error: str) -> None:

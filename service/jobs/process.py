@@ -8,11 +8,21 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
+from pathlib import Path
 
 from pydantic import ValidationError
 
 from service.jobs.messages import MESSAGES, Message, Unexpected
 from service.jobs.order import Order
+
+COMMAND = (
+    sys.executable,
+    "-P",  # modules that lie in the working folder are none of the program's
+    "-c",
+    "import sys; sys.path.append(sys.argv[1]); from service.jobs.child import main; main()",
+    str(Path(__file__).parents[2]),
+)
+"""Of a job's process: loads the same program, installed or not, whatever the working folder."""
 
 
 class JobProcess:
@@ -20,7 +30,7 @@ class JobProcess:
 
     def __init__(self, order: Order) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "service.jobs.child"],
+            COMMAND,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,  # a terminal's Ctrl-C is for the service, which ends its job itself

@@ -104,7 +104,7 @@ def job_processes() -> list[int]:
             parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
         except (OSError, ValueError, IndexError):
             continue
-        if b"service.jobs.child" in words and parent == os.getpid():
+        if any(b"service.jobs.child" in word for word in words) and parent == os.getpid():
             found.append(int(entry.name))
     return found
 
@@ -220,11 +220,11 @@ class TestRestart:
     def test_a_training_goes_on_to_the_weights_it_would_have_had(
         self, recorded: Path, tmp_path: Path, dataset: Path
     ) -> None:
-        few = {"datasets": ["plates"], "pixels": 2048, "checkpoint_every": 1, "steps": 8}
+        few = {"datasets": ["plates"], "pixels": 2048, "checkpoint_every": 1, "steps": 5}
         with opened(recorded, tmp_path, dataset) as before:
             job = begun(before, TRAININGS, name="mine", **few)
             waiting = begun(before, EVALUATIONS, dataset="plates", methods=["wft"], split="val")
-            wait(before, job, lambda _: len(states_of(before, job)) == 2)
+            wait(before, job, lambda _: len(states_of(before, job)) >= 2)
         assert not job_processes()
         assert states_of(before, job)
         broken = states_of(before, job)[-1]
@@ -239,7 +239,7 @@ class TestRestart:
             done = wait(after, job, lambda item: item["state"] in ("done", "failed"))
             assert done["state"] == "done", done
             log = (folder_of(after, job) / "weights.training" / "log.csv").read_text().splitlines()
-            assert [line.partition(",")[0] for line in log] == ["step", *(str(step) for step in range(8))]
+            assert [line.partition(",")[0] for line in log] == ["step", *(str(step) for step in range(5))]
             whole = ended(after, begun(after, TRAININGS, name="whole", **few))
             assert whole["result"]["weights"]["sha256"] == done["result"]["weights"]["sha256"]
 
