@@ -14,11 +14,13 @@ from benchmarks.report import parser
 from drivers.simulator.dataset import simulate_dataset
 from models.patterns import make_plan
 from service.evaluation import evaluate
-from service.sample_evaluation import EvaluationOptions
+from service.evaluation_report import report_text
+from service.sample_evaluation import EvaluationOptions, MethodChoice
 
 PUBLISHED_SEED = 20261122
 DEPTH_RANGE = (400.0, 670.0)
-OPTIONS = EvaluationOptions(("nstep", "wft"), ("trinocular", "stereo"), DEPTH_RANGE, "simulator")
+METHODS = tuple(MethodChoice(name) for name in ("nstep", "wft", "refiner"))
+OPTIONS = EvaluationOptions(METHODS, ("trinocular", "stereo"), DEPTH_RANGE, "simulator")
 
 
 def main() -> None:
@@ -35,7 +37,8 @@ def main() -> None:
         data = {**evaluation.as_json(), "dataset": f"seed {options.seed}"}
         print(json.dumps({"benchmark": "accuracy", "seed": options.seed, **data}, indent=2, allow_nan=False))
         return
-    print(f"Simulated scenes of seed {options.seed}, {DEPTH_RANGE[0]:g}..{DEPTH_RANGE[1]:g} mm\n\n{evaluation.text()}")
+    title = f"Simulated scenes of seed {options.seed}, {DEPTH_RANGE[0]:g}..{DEPTH_RANGE[1]:g} mm"
+    print(f"{title}\n\n{report_text(evaluation)}")
 
 
 if __name__ == "__main__":

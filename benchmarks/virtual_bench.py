@@ -16,12 +16,12 @@ from drivers.registry import DriverName, RigConfiguration, make_devices
 from models.capture import write_capture
 from service.acquisition.orchestrator import Orchestrator
 from service.acquisition.request import CaptureRequest
-from service.sample_evaluation import EvaluationOptions, evaluate_sample
+from service.sample_evaluation import EvaluationOptions, MethodChoice, evaluate_sample
 
 SEED = 20261122
 SCENES = 6
 DEPTH_RANGE = (400.0, 670.0)
-_OPTIONS = EvaluationOptions(("nstep",), ("trinocular",), DEPTH_RANGE, "simulator")
+_OPTIONS = EvaluationOptions((MethodChoice("nstep"),), ("trinocular",), DEPTH_RANGE, "simulator")
 _RIGS: tuple[DriverName, ...] = ("simulated", "bench")
 
 

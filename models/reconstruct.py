@@ -20,11 +20,14 @@ from models.phase.wavelet1d import Wavelet1d
 from models.phase.wavelet2d import Wavelet2d
 from models.phase.wft import WindowedFourierTransform
 from models.points import PointMap, Reason
+from models.refiner.extractor import RefinedFourierTransform
+from models.refiner.weights import WeightsRecord
+from models.stereo.candidates import CandidateSettings
 from models.stereo.exchanged import views_look_exchanged
-from models.stereo.matcher import MATCHINGS, Matching, PhaseMatcher
+from models.stereo.matcher import MATCHINGS, MatcherSettings, Matching, PhaseMatcher
 from models.stereo.point_map import RejectionSettings, build_point_map, projector_residual
 
-Method = Literal["nstep", "wft", "wavelet1d", "wavelet2d", "shearlet"]
+Method = Literal["nstep", "wft", "wavelet1d", "wavelet2d", "shearlet", "refiner"]
 METHODS: tuple[Method, ...] = get_args(Method)
 Progress = Callable[[str, float], None]
 _SINGLE_SHOT: dict[Method, type[WindowedFourierTransform | Wavelet1d | Wavelet2d | Shearlet]] = {
@@ -33,9 +36,23 @@ _SINGLE_SHOT: dict[Method, type[WindowedFourierTransform | Wavelet1d | Wavelet2d
     "wavelet2d": Wavelet2d,
     "shearlet": Shearlet,
 }
-SINGLE_SHOT_METHODS: tuple[Method, ...] = tuple(_SINGLE_SHOT)
+SINGLE_SHOT_METHODS: tuple[Method, ...] = (*_SINGLE_SHOT, "refiner")
 """The methods that take one composite exposure."""
 _NSTEP_KINDS: frozenset[PatternKind] = frozenset({"white", "black", "high", "low", "gray", "gray_inv"})
+_CERTAIN_MATCHING = MatcherSettings(
+    candidates=CandidateSettings(low_scale=0.3, high_scale=0.3, projector_low_scale=0.25, misfit_scale=0.8),
+    jump_cost=3.0,
+    ambiguity=0.5,
+)
+_CERTAIN_REJECTION = RejectionSettings(
+    low=1.0,
+    projector=0.8,
+    jump_misfit=0.8,
+    rim_misfit=2.5,
+    carrier_weights=(1.0, 0.4),
+    growth_misfit=1.3,
+)
+"""For phases that tell their own certainty: closer where they are sure, more patient where they are not."""
 _FEWEST_POINTS = 200
 _SUSPICIOUS_RESIDUAL, _SUSPICIOUS_ABSOLUTE_RESIDUAL = 0.2, 0.08
 """Median of rad between a view and the projector, for wrapped and for absolute phases, above which the views are tried
@@ -47,17 +64,19 @@ class ReconstructionOptions:
     """What to compute. matching: None means trinocular where the rig has a projector, else stereo.
 
     depth_range: (min, max) mm; None means the rig's common working volume. device: torch device of the phase stage.
+    weights: of the method refiner, see ``models.refiner.find_weights``; None for the default.
     """
 
     method: Method = "wft"
     matching: Matching | None = None
     depth_range: tuple[float, float] | None = None
     device: str = "cpu"
+    weights: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
-    """A point map with what it was made from; timings_s: seconds per stage."""
+    """A point map with what it was made from. timings_s: seconds per stage. weights: of the refiner, else None."""
 
     points: PointMap
     phases: Mapping[Side, FringePhase]
@@ -66,6 +85,7 @@ class Reconstruction:
     depth_range: tuple[float, float]
     matching: Matching
     timings_s: dict[str, float] = field(default_factory=dict)
+    weights: WeightsRecord | None = None
 
 
 def kinds_needed(method: Method) -> frozenset[PatternKind]:
@@ -97,16 +117,18 @@ def reconstruct(
     clock = time.perf_counter
     start = clock()
     report("phase", 0.0)
-    phases = _extractor(options, rig, depth_range).extract(capture)
+    extractor = _extractor(options, rig, depth_range)
+    phases = extractor.extract(capture)
     timings["phase"] = clock() - start
     report("matching", 0.3)
     start = clock()
-    matches = PhaseMatcher(matching).match(phases, rig, depth_range)
+    certain = all(phases[side].certainty is not None for side in SIDES)
+    matches = PhaseMatcher(matching, _CERTAIN_MATCHING if certain else None).match(phases, rig, depth_range)
     timings["matching"] = clock() - start
     report("points", 0.7)
     start = clock()
     absolute = all(phases[side].column is not None for side in SIDES)
-    settings = _rejection(capture, options.method, absolute=absolute)
+    settings = _CERTAIN_REJECTION if certain else _rejection(capture, options.method, absolute=absolute)
     points = build_point_map(phases, matches, rig, depth_range, settings, use_projector=matching == "trinocular")
     timings["points"] = clock() - start
     if _projector_disagrees(points, phases["left"], rig) and views_look_exchanged(phases, rig, depth_range):
@@ -114,7 +136,8 @@ def reconstruct(
     if len(points) < _FEWEST_POINTS:
         raise ReconstructionError(f"{capture.source}: {_cause_of_emptiness(points, depth_range)}")
     report("done", 1.0)
-    return Reconstruction(points, phases, rig, options, depth_range, matching, timings)
+    record = extractor.record if isinstance(extractor, RefinedFourierTransform) else None
+    return Reconstruction(points, phases, rig, options, depth_range, matching, timings, record)
 
 
 def _matching(options: ReconstructionOptions, rig: Rig) -> Matching:
@@ -143,6 +166,10 @@ def _check_views(capture: Capture, rig: Rig, method: Method) -> None:
 
 
 def _extractor(options: ReconstructionOptions, rig: Rig, depth_range: tuple[float, float]) -> PhaseExtractor:
+    if options.method == "refiner":
+        return RefinedFourierTransform(rig, depth_range, options.weights, device=options.device)
+    if options.weights is not None:
+        raise ReconstructionError(f"method '{options.method}' takes no weights; only refiner does")
     if options.method == "nstep":
         return NStep(device=options.device)
     if options.method in _SINGLE_SHOT:

@@ -156,7 +156,7 @@ def evaluate_sample(path: Path, options: EvaluationOptions, fallback_rig: Rig | 
 def _reconstruction(
     choice: MethodChoice, matching: Matching | None, depth_range: tuple[float, float]
 ) -> ReconstructionOptions:
-    return ReconstructionOptions(choice.method, matching, depth_range)
+    return ReconstructionOptions(choice.method, matching, depth_range, weights=choice.weights)
 
 
 def _row(method: str, matching: Matching | None) -> str:

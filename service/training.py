@@ -46,12 +46,7 @@ class TrainingRequest:
         if labels == "truth" and ablation != "A3":
             raise RefinerError("--ablation chooses among label-free losses; it does not go with --labels truth")
         kind: Labels = "truth" if labels == "truth" else "geometry" if ablation == WITH_GEOMETRY else "none"
-        settings: dict[str, Any] = {
-            "labels": kind,
-            "ablation": ablation if kind != "truth" else "none",
-            "losses": ABLATIONS["A3" if ablation == WITH_GEOMETRY else ablation],
-            "seed": seed,
-        }
+        settings: dict[str, Any] = {"losses": ABLATIONS["A3" if ablation == WITH_GEOMETRY else ablation]}
         if kind == "truth":
             settings["label_free"] = 0.0
         else:
@@ -59,6 +54,7 @@ class TrainingRequest:
         if adapt is not None:
             settings["steps"] = _ADAPTING_STEPS
         settings |= _read(file) if file is not None else {}
+        settings |= {"labels": kind, "ablation": ablation if kind != "truth" else "none", "seed": seed}
         settings |= overrides or {}
         try:
             configuration = TrainingConfiguration.model_validate(settings)

@@ -20,6 +20,7 @@ from models.capture import read_capture, write_capture
 from models.dataset import open_dataset
 from models.errors import DatasetError, ReconstructionError
 from models.patterns import make_plan
+from models.reconstruct import ReconstructionOptions
 from service import sample_evaluation
 from service.evaluation import Evaluation, Summary, by_class, evaluate
 from service.evaluation_report import report_markdown, report_text
@@ -226,6 +227,18 @@ class TestMethodChoice:
     def test_others_are_refused_by_name(self, text: str) -> None:
         with pytest.raises(ReconstructionError, match=f"'{text.partition(':')[0]}"):
             MethodChoice.parse(text)
+
+    def test_the_reconstruction_takes_the_chosen_weights(self, captures: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        taken = []
+
+        def notes(_: Any, options: ReconstructionOptions, **__: Any) -> None:
+            taken.append((options.method, options.weights))
+            raise ReconstructionError("noted")
+
+        monkeypatch.setattr(sample_evaluation, "reconstruct", notes)
+        choices = tuple(MethodChoice.parse(text) for text in ("refiner", "refiner:a3", "wft"))
+        evaluate(open_dataset(captures / "a"), "all", EvaluationOptions(choices, depth_range=DEPTH_RANGE))
+        assert taken[:3] == [("refiner", None), ("refiner", "a3"), ("wft", None)]
 
     def test_weights_side_by_side_have_rows_of_their_own(self) -> None:
         choices = tuple(MethodChoice.parse(text) for text in ("refiner:a0", "refiner:a3"))

@@ -31,7 +31,7 @@ class MaskSettings:
     minimum_modulation: float = 0.001
     largest_misfit: float = 4.0
     darkest: float = 0.35
-    least_certainty: float = 0.5
+    least_certainty: float = 0.1
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from models.phase.wft import WindowedFourierTransform
 from models.refiner.fields import RefinerInput
 from models.refiner.network import Refiner
 from models.refiner.shipped import find_weights
-from models.refiner.weights import TENSORS_NAME, WeightsRecord, load_weights
+from models.refiner.weights import RECORD_NAME, TENSORS_NAME, WeightsRecord, load_weights
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,15 +80,15 @@ class RefinedFourierTransform(SingleExposure):
 
 
 @lru_cache(maxsize=4)
-def _loaded(folder: Path, device: str, version: tuple[int, int]) -> tuple[Refiner, WeightsRecord]:
+def _loaded(folder: Path, device: str, version: tuple[int, ...]) -> tuple[Refiner, WeightsRecord]:
     network, record = load_weights(folder)
     return network.to(device), record
 
 
-def _version(folder: Path) -> tuple[int, int]:
-    """Tells apart weights that took one another's place at a path; (0, 0) where there are none to read."""
+def _version(folder: Path) -> tuple[int, ...]:
+    """Tells apart weights that took one another's place at a path; empty where there are none to read."""
     try:
-        status = (folder / TENSORS_NAME).stat()
+        found = [(folder / name).stat() for name in (TENSORS_NAME, RECORD_NAME)]
     except OSError:
-        return 0, 0
-    return status.st_mtime_ns, status.st_size
+        return ()
+    return tuple(number for status in found for number in (status.st_mtime_ns, status.st_size))

@@ -15,6 +15,7 @@ from models.geometry.rig import Rig, Side
 from models.normals import estimate_normals
 from models.phase.fringe import FringePhase
 from models.points import Origin, PointMap, Reason
+from models.stereo.grown import contradicted, grow_columns
 from models.stereo.left_projector import intersect_columns
 from models.stereo.matcher import CanvasMatches
 from models.stereo.sensor_grid import refine_on_sensor
@@ -34,12 +35,14 @@ class RejectionSettings:
     """When a match is not believed.
 
     low: rad the low phases of the two views may differ by at the match. projector: rad the high phase may differ from
-    the one the projector shows at the point. smallest_surface: pixels; smaller connected surfaces are dropped.
-    step: px of disparity within which neighbouring pixels are one surface. claim: px of disparity within which two
-    pixels may share a right pixel. jump, jump_reach, jump_misfit: px of disparity that make an occluding edge, px from
-    it within which, and misfit above which, a match may be the other surface's smeared phase. rim_reach, rim_misfit:
-    likewise at any rim of what matched. carrier_weights: relative inverse phase variance of (high, low) when the match
-    is refined.
+    the one the projector shows at the point. smallest_surface:
+    pixels; smaller connected surfaces are dropped. step: px of disparity within which neighbouring pixels are one
+    surface. claim: px of disparity within which two pixels may share a right pixel. jump, jump_reach, jump_misfit: px
+    of disparity that make an occluding edge, px from it within which, and misfit above which, a match may be the other
+    surface's smeared phase. rim_reach, rim_misfit: likewise at any rim of what matched. carrier_weights: relative
+    inverse phase variance of (high, low) when the match is refined. growth: pixels by which surfaces grow into pixels
+    without a match by their own phases and the projector. growth_tolerance, growth_misfit: rad by which these phases
+    may contradict one another or those of the right view, and largest misfit of such a pixel.
     """
 
     low: float = 2.0
@@ -53,6 +56,9 @@ class RejectionSettings:
     rim_reach: float = 2.0
     rim_misfit: float = 1.5
     carrier_weights: tuple[float, float] = (1.0, 0.0)
+    growth: int = 8
+    growth_tolerance: float = 0.5
+    growth_misfit: float = 0.35
 
 
 def build_point_map(
@@ -100,6 +106,9 @@ def build_point_map(
     if misfit is not None:
         quality += misfit**2
     _reject(reason, x_right, origin, points, low, residual, quality, misfit, matches, canvas, depth_range, settings)
+    if use_projector and column is None and len(wrapped) > 1 and settings.growth:
+        grown = _grow(reason, points, wrapped, usable, misfit, matches, left.periods, rig, depth_range, settings)
+        reason[grown], origin[grown], quality[grown] = Reason.VALID, Origin.LEFT_PROJECTOR, _UNCONFIRMED
     valid = reason == Reason.VALID
     kept = np.where(valid[..., None], points, np.nan).astype(np.float32)
     confidence = np.where(valid, np.exp(-quality), 0.0).astype(np.float32)
@@ -141,6 +150,40 @@ def _fill_from_projector(
     rays = rectify(rig).left_rays()
     found = intersect_columns(column, wanted, rays, pack_projection(rig.projector), np.array(depth_range))
     filled = np.isfinite(found[..., 2])
+    points[filled] = found[filled]
+    return np.asarray(filled)
+
+
+def _grow(
+    reason: npt.NDArray[np.uint8],
+    points: Float64Array,
+    wrapped: Float32Array,
+    usable: npt.NDArray[np.bool_],
+    misfit: Float32Array | None,
+    matches: CanvasMatches,
+    periods: tuple[float, ...],
+    rig: Rig,
+    depth_range: tuple[float, float],
+    settings: RejectionSettings,
+) -> npt.NDArray[np.bool_]:
+    """Put points of left camera and projector beside accepted ones into ``points``; returns where, bool (H, W)."""
+    assert rig.projector is not None
+    accepted = reason == Reason.VALID
+    seen = project_points(pack_projection(rig.projector), points.reshape(-1, 3))[:, 0].reshape(accepted.shape)
+    turns = wrapped[0].astype(np.float64) / _TWO_PI
+    column = np.where(accepted, periods[0] * (turns + np.rint(seen / periods[0] - turns)), np.nan)
+    wanted = usable & ~accepted
+    if misfit is not None:
+        wanted &= misfit <= settings.growth_misfit
+    high, low = wrapped[0].astype(np.float64), wrapped[1].astype(np.float64)
+    grown = grow_columns(column, wanted, high, low, np.array(periods), settings.growth_tolerance, settings.growth)
+    found = np.full_like(points, np.nan)
+    filled = _fill_from_projector(found, grown.astype(np.float32), np.isfinite(grown), rig, depth_range)
+    place = rectify(rig).canvas_coordinates("right", found)
+    limits = np.full(len(wrapped), settings.growth_tolerance)
+    filled &= ~contradicted(
+        place[..., 0], place[..., 1], filled, wrapped, matches.right.phase, matches.right.usable, limits
+    )
     points[filled] = found[filled]
     return np.asarray(filled)
 

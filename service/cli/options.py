@@ -10,7 +10,7 @@ import typer
 
 # The same names as in models.reconstruct and models.patterns, which are not imported here: torch and numpy take
 # a second to load, and --help must not wait for them. A test holds both lists together.
-MethodName = Literal["nstep", "wft", "wavelet1d", "wavelet2d", "shearlet"]
+MethodName = Literal["nstep", "wft", "wavelet1d", "wavelet2d", "shearlet", "refiner"]
 MatchingName = Literal["stereo", "trinocular"]
 PlanChoice = Literal["composite", "reference", "full", "complementary", "calibration"]
 RasterChoice = Literal["square", "diamond"]

@@ -57,7 +57,9 @@ def test_what_is_saved_comes_back(tmp_path: Path) -> None:
     assert not loaded.training
     view = RefinerInput(torch.rand(1, 1, 13, 18), 0.1 * torch.randn(1, 2, 13, 18, dtype=torch.complex64))
     with torch.inference_mode():
-        assert torch.equal(loaded(view).carriers, refiner.eval()(view).carriers)
+        wanted = refiner.eval()(view).carriers
+        assert (loaded(view).carriers - wanted).abs().max() < 1e-3
+        assert torch.equal(loaded(view).carriers, refiner.half().float()(view).carriers)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["w"]
 
 
@@ -125,7 +127,7 @@ def test_content_that_is_no_safetensors_is_refused_and_never_run(tmp_path: Path)
 
 def test_tensors_of_another_network_are_refused(tmp_path: Path) -> None:
     folder = tmp_path / "w"
-    state = {name: value.contiguous() for name, value in saved(folder).state_dict().items()}
+    state = {name: value.half().contiguous() for name, value in saved(folder).state_dict().items()}
     first = sorted(state)[0]
     for changed, text in (
         ({k: v for k, v in state.items() if k != first}, f"'{first}' is missing"),
