@@ -30,7 +30,6 @@ from models.refiner.training.views import Columns, View, prepare_views, truth_co
 from models.refiner.weights import Variant, WeightsRecord, load_weights, save_weights
 
 CHECKPOINTS_NAME = "checkpoints"
-_VALIDATION_CAPTURES = 40
 
 
 @dataclass(frozen=True)
@@ -114,6 +113,8 @@ class _Run:
             start, known = load_weights(adapt)
             self.parent, self.parent_variant = known.sha256, known.variant
             self.configuration = self.configuration.model_copy(update={"network": start.configuration})
+        if state is None and self.processes.leads:
+            shutil.rmtree(self.work, ignore_errors=True)
         train_views, validation_views = self._views(columns)
         self.configuration = self.configuration.model_copy(update={"periods": train_views[0].periods})
         refiner = start or Refiner(self.configuration.network, self.configuration.seed)
@@ -122,7 +123,7 @@ class _Run:
             refiner.parameters(), lr=self.configuration.learning_rate, weight_decay=self.configuration.weight_decay
         )
         done, seconds = 0, 0.0
-        self.data = canonical([[v.name, list(v.size), list(v.periods)] for v in train_views])
+        self.data = canonical([[view.name, view.sha256] for view in train_views])
         if state is not None:
             record = state.record
             if record.configuration != self.configuration or record.data != self.data or record.parent != self.parent:
@@ -132,10 +133,6 @@ class _Run:
                 )
             restore(state, refiner, optimiser)
             done, seconds = record.step, record.seconds
-        elif self.processes.leads:
-            shutil.rmtree(self.work / CHECKPOINTS_NAME, ignore_errors=True)
-            (self.work / "log.csv").unlink(missing_ok=True)
-            (self.work / "validation.csv").unlink(missing_ok=True)
         figures, seconds = self._steps(refiner, optimiser, train_views, validation_views, done, seconds)
         if not self.processes.leads:
             return None
@@ -162,13 +159,14 @@ class _Run:
     def _prepare(self, split: str, columns: Columns | None, source: str) -> list[View]:
         views: list[View] = []
         for number, dataset in enumerate(self.datasets):
+            labels = columns
             if split == "val":
                 if dataset.splits is None or not dataset.splits.get("val") or not self.configuration.validation_views:
                     continue
                 share = -(-self.configuration.validation_views // (2 * len(self.datasets)))
                 captures = dataset.capture_paths("val")[:share]
                 if not all((path / "truth").is_dir() for path in captures):
-                    columns, source = None, "none"
+                    labels = None
             else:
                 captures = dataset.capture_paths("train")
             if not captures:
@@ -179,7 +177,14 @@ class _Run:
 
             folder = self.work / ("views" if split == "train" else "validation") / f"{number}"
             views.extend(
-                prepare_views(captures, folder, fallback_rig=dataset.rig, columns=columns, source=source, progress=told)
+                prepare_views(
+                    captures,
+                    folder,
+                    fallback_rig=dataset.rig,
+                    columns=labels,
+                    source="none" if labels is None else source,
+                    progress=told,
+                )
             )
         return views
 

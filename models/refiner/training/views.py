@@ -26,14 +26,14 @@ from models.refiner.errors import RefinerError
 Columns = Callable[[Capture, Rig], Mapping[Side, npt.NDArray[np.float32]]]
 """Projector column u (H, W) of each view: NaN where it is known that there is no phase, inf where nothing is known."""
 MANIFEST_NAME = "views.json"
-_VERSION = 1
+_VERSION = 2
 
 
 @dataclass(frozen=True)
 class View:
     """A prepared view. planes: .npy float16 (6, H, W): image, texture, real and imaginary part of the high and of the
     low carrier, shares of the white level. columns: .npy float32 (H, W) as ``Columns``, or None. sign: +1 where the
-    projector's columns grow along the image's rows, else -1.
+    projector's columns grow along the image's rows, else -1. sha256: of the image and of the columns.
     """
 
     name: str
@@ -42,6 +42,7 @@ class View:
     sign: int
     periods: tuple[float, float]
     size: tuple[int, int]
+    sha256: str
 
 
 def prepare_views(
@@ -92,14 +93,24 @@ def _prepare(path: Path, folder: Path, number: int, fallback_rig: Rig | None, co
         planes = torch.stack([image[0], texture[0], *torch.view_as_real(carriers[0]).movedim(-1, 1).flatten(0, 1)])
         stem = folder / f"view-{number:05d}-{side}"
         np.save(stem.with_suffix(".npy"), planes.numpy().astype(np.float16))
+        digest = hashlib.sha256(image.numpy().tobytes())
         told = None
         if labels is not None:
             told = stem.with_name(f"{stem.name}-columns.npy")
             np.save(told, labels[side].astype(np.float32))
+            digest.update(labels[side].tobytes())
         height, width = image.shape[-2:]
         sign = 1 if field.sign > 0 else -1
         views.append(
-            View(f"{path.name}/{side}", stem.with_suffix(".npy"), told, sign, (periods[0], periods[1]), (width, height))
+            View(
+                f"{path.name}/{side}",
+                stem.with_suffix(".npy"),
+                told,
+                sign,
+                (periods[0], periods[1]),
+                (width, height),
+                digest.hexdigest(),
+            )
         )
     return views
 
@@ -119,9 +130,8 @@ def _prepared(manifest: Path, key: str) -> list[View] | None:
             columns = None if entry["columns"] is None else manifest.parent / entry["columns"]
             pair = (float(entry["periods"][0]), float(entry["periods"][1]))
             size = (int(entry["size"][0]), int(entry["size"][1]))
-            views.append(
-                View(entry["name"], manifest.parent / entry["planes"], columns, int(entry["sign"]), pair, size)
-            )
+            planes = manifest.parent / entry["planes"]
+            views.append(View(entry["name"], planes, columns, int(entry["sign"]), pair, size, str(entry["sha256"])))
     except (OSError, ValueError, KeyError, TypeError, IndexError):
         return None
     return views
