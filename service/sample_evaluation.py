@@ -179,7 +179,8 @@ def _yardsticks(
         choice = ReconstructionOptions("nstep", matching, depth_range)
         rows[_row("nstep wrapped", matching)] = (_without_gray(capture), choice)
     if "gray" in capture.plan.kinds and source != "reference":  # against itself it would tell nothing
-        rows.setdefault(_row("nstep", options.matchings[0]), (capture, choice))
+        first = options.matchings[0]
+        rows.setdefault(_row("nstep", first), (capture, ReconstructionOptions("nstep", first, depth_range)))
     return rows
 
 
