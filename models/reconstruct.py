@@ -54,9 +54,9 @@ _CERTAIN_REJECTION = RejectionSettings(
 )
 """For phases that tell their own certainty: closer where they are sure, more patient where they are not."""
 _FEWEST_POINTS = 200
-_SUSPICIOUS_RESIDUAL, _SUSPICIOUS_ABSOLUTE_RESIDUAL = 0.2, 0.08
-"""Median of rad between a view and the projector, for wrapped and for absolute phases, above which the views are tried
-the other way round."""
+_SUSPICIOUS_RESIDUAL, _SUSPICIOUS_CERTAIN_RESIDUAL, _SUSPICIOUS_ABSOLUTE_RESIDUAL = 0.2, 0.1, 0.08
+"""Median of rad between a view and the projector, for wrapped phases, those that tell their certainty, and absolute
+ones, above which the views are tried the other way round."""
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,9 @@ def _projector_disagrees(points: PointMap, left: FringePhase, rig: Rig) -> bool:
         return True
     if rig.projector is None:
         return False
-    limit = _SUSPICIOUS_RESIDUAL if left.column is None else _SUSPICIOUS_ABSOLUTE_RESIDUAL
+    limit = _SUSPICIOUS_RESIDUAL if left.certainty is None else _SUSPICIOUS_CERTAIN_RESIDUAL
+    if left.column is not None:
+        limit = _SUSPICIOUS_ABSOLUTE_RESIDUAL
     rows = slice(None, None, 8)
     sparse = replace(left, carriers=left.carriers[:, rows])
     residual = projector_residual(points.points[rows].astype(np.float64), sparse, rig)

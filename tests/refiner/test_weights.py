@@ -58,7 +58,7 @@ def test_what_is_saved_comes_back(tmp_path: Path) -> None:
     view = RefinerInput(torch.rand(1, 1, 13, 18), 0.1 * torch.randn(1, 2, 13, 18, dtype=torch.complex64))
     with torch.inference_mode():
         wanted = refiner.eval()(view).carriers
-        assert (loaded(view).carriers - wanted).abs().max() < 1e-3
+        assert (loaded(view).carriers - wanted).abs().max() < 1e-2
         assert torch.equal(loaded(view).carriers, refiner.half().float()(view).carriers)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["w"]
 

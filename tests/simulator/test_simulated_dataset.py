@@ -94,7 +94,13 @@ def test_samples_read_back_as_they_were_rendered(dataset_folder, quick):
         for side in ("left", "right"):
             assert all(np.array_equal(capture.images[side][n], rendered.images[side][n]) for n in SHORT.names)
         assert np.array_equal(capture.truth.depth, rendered.truth.depth, equal_nan=True)
-        assert set(capture.truth.extra) == {"lit", "covisible", "object_index", "projector_row"}
+        assert set(capture.truth.extra) == {
+            "lit",
+            "covisible",
+            "object_index",
+            "projector_row",
+            "right_projector_column",
+        }
         assert capture.truth.extra["lit"].dtype == bool
         assert capture.record.object_id == rendered.record.object_id
 
