@@ -31,7 +31,7 @@ from service.overview import recorded_figure
 from service.pictures import Picture, error_scale, grey_picture, phase_scale
 
 QUALITY = 72
-"""Of the JPEG files; keeps each below 300 KB."""
+"""Of the JPEG files; keeps each below 450 KB."""
 ERROR_LIMIT_RAD = 0.3
 
 
