@@ -200,6 +200,14 @@ def test_another_command_does_not_go_on_with_a_state(dataset: Path, tmp_path: Pa
         trained(dataset, tmp_path / "first")
 
 
+def test_hours_of_work_are_not_begun_anew_by_mistake(dataset: Path, tmp_path: Path) -> None:
+    trained(dataset, tmp_path / "first")
+    shutil.rmtree(tmp_path / "first")
+    with pytest.raises(RefinerError, match=r"go on with --resume .*first\.training, or remove it"):
+        trained(dataset, tmp_path / "first")
+    assert read_checkpoint(tmp_path / "first.training").record.step == 2
+
+
 def test_a_damaged_state_is_refused(dataset: Path, tmp_path: Path) -> None:
     trained(dataset, tmp_path / "first")
     state = next((tmp_path / "first.training" / "checkpoints").glob("step-*"))

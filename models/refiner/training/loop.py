@@ -81,6 +81,8 @@ def train(
     if output.exists():
         raise RefinerError(f"output '{output}' exists already; name a new folder or remove it")
     work = output.with_name(f"{output.name}.training")
+    if resume is None and any((work / CHECKPOINTS_NAME).glob("*")):
+        raise RefinerError(f"'{work}' holds states of an earlier training; go on with --resume {work}, or remove it")
     with training_processes(device) as processes:
         return _Run(datasets, configuration, output, work, processes, report or (lambda progress: None)).run(
             adapt, resume, columns
